@@ -47,7 +47,8 @@ std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* orig
 struct TreeWords {
     std::vector<uint32_t> nodes, order;
 };
-// The scene's tree of 2, 4 or 8 boxes a node, built anew by `ploc` on the host.
+// The scene's tree of 2, 4 or 8 boxes per node, or of as many as the back end has, built anew by
+// `ploc` on the host.
 TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads);
 // The tree that the device holds. CUDA only.
 TreeWords device_tree(const Scene& scene);

@@ -39,7 +39,8 @@ struct CpuTables {
             ++runs.back().end;
         }
         if (!(host.view.features & kBvh)) return;
-        auto tree = build_tree<kCpuWidth>(host.tree_input(), builder, kSimdWalk, kAllThreads, poll);
+        auto tree = build_tree<kCpuWidth>(host.tree_input(), builder, kSimdWalk<kCpuLeaf>,
+                                          kAllThreads, poll);
         blocks = pack_blocks(tree.nodes, tree.order, host.records.data());
         info = tree_info(
             builder, tree,

@@ -10,7 +10,10 @@
 namespace veriray {
 
 TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads) {
-    return host_ploc(scene.host(), kSimdWalk, width, threads);
+    if (width == kCpuWidth)
+        return tree_words(
+            build_ploc<kCpuWidth>(scene.host().tree_input(), kSimdWalk<kCpuLeaf>, threads, {}));
+    return host_ploc(scene.host(), kSimdWalk<kCpuLeaf>, width, threads);
 }
 
 std::pair<size_t, size_t> function_shape(const std::string& name) {

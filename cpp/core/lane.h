@@ -6,7 +6,7 @@
 // compiled for. compress_store(p, a, m) writes the lanes of m side by side from p on (up to
 // kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n lanes and
 // mask_of(bits) the inverse of bits(m). Every operation is IEEE-754 round-to-nearest, so all widths
-// give the same bits. Batch is the vector in which one ray meets several boxes or triangles.
+// give the same bits.
 #pragma once
 
 #include "core/platform.h"

@@ -35,7 +35,6 @@ struct Simd {
     using Uniform = F8;  // an operand in memory; a float would need an instruction to broadcast it
     static constexpr uint32_t kWidth = 8;
 };
-using Batch = Simd;
 
 VR_HD F8 operator+(F8 a, F8 b) { return _mm256_add_ps(a.v, b.v); }
 VR_HD F8 operator-(F8 a, F8 b) { return _mm256_sub_ps(a.v, b.v); }

@@ -160,44 +160,4 @@ VR_HD void store(double* p, D16 a) {
     _mm512_storeu_pd(p + 8, a.high);
 }
 
-// ---- eight lanes ----
-struct M8 {
-    __mmask8 m;
-};
-struct F8 {
-    __m256 v;
-    F8() = default;
-    VR_HD F8(__m256 a) : v(a) {}
-    VR_HD F8(float a) : v(_mm256_set1_ps(a)) {}
-};
-struct Batch {
-    using F = F8;
-    using M = M8;
-    static constexpr uint32_t kWidth = 8;
-};
-
-VR_HD F8 operator+(F8 a, F8 b) { return _mm256_add_ps(a.v, b.v); }
-VR_HD F8 operator-(F8 a, F8 b) { return _mm256_sub_ps(a.v, b.v); }
-VR_HD F8 operator*(F8 a, F8 b) { return _mm256_mul_ps(a.v, b.v); }
-VR_HD F8 operator/(F8 a, F8 b) { return _mm256_div_ps(a.v, b.v); }
-VR_HD F8 operator-(F8 a) { return _mm256_xor_ps(a.v, _mm256_set1_ps(-0.f)); }
-VR_HD M8 operator<(F8 a, F8 b) { return {_mm256_cmp_ps_mask(a.v, b.v, _CMP_LT_OQ)}; }
-VR_HD M8 operator<=(F8 a, F8 b) { return {_mm256_cmp_ps_mask(a.v, b.v, _CMP_LE_OQ)}; }
-VR_HD M8 operator>(F8 a, F8 b) { return {_mm256_cmp_ps_mask(a.v, b.v, _CMP_GT_OQ)}; }
-VR_HD M8 operator>=(F8 a, F8 b) { return {_mm256_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
-VR_HD M8 operator&(M8 a, M8 b) { return {_kand_mask8(a.m, b.m)}; }
-VR_HD M8 operator|(M8 a, M8 b) { return {_kor_mask8(a.m, b.m)}; }
-VR_HD M8 operator!(M8 a) { return {_knot_mask8(a.m)}; }
-VR_HD F8 fma(F8 a, F8 b, F8 c) { return _mm256_fmadd_ps(a.v, b.v, c.v); }
-VR_HD F8 min(F8 a, F8 b) { return _mm256_min_ps(a.v, b.v); }
-VR_HD F8 max(F8 a, F8 b) { return _mm256_max_ps(a.v, b.v); }
-VR_HD F8 abs(F8 a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.f), a.v); }
-VR_HD F8 select(M8 m, F8 a, F8 b) { return _mm256_mask_blend_ps(m.m, b.v, a.v); }
-VR_HD uint32_t bits(M8 m) { return _cvtmask8_u32(m.m); }
-VR_HD bool any(M8 m) { return m.m != 0; }
-VR_HD bool none(M8 m) { return m.m == 0; }
-VR_HD F8 load(const float* p, F8) { return _mm256_loadu_ps(p); }
-VR_HD void store(float* p, F8 a) { _mm256_storeu_ps(p, a.v); }
-VR_HD M8 first_lanes(uint32_t n, M8) { return {static_cast<__mmask8>((1u << n) - 1u)}; }
-
 }  // namespace veriray

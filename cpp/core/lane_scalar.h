@@ -4,7 +4,6 @@
 namespace veriray {
 
 using Simd = Scalar;
-using Batch = Scalar;
 
 VR_HD bool first_lanes(uint32_t n, bool) { return n > 0; }
 template <class T>

@@ -1,5 +1,5 @@
 // A tree of boxes over triangles, spheres and disks, and its traversal: one ray at a time on the
-// CPU (lane after lane, eight boxes or triangles at once), one ray per thread on CUDA.
+// CPU (lane after lane, eight or sixteen boxes or triangles at once), one ray per thread on CUDA.
 //
 // The closest hit does not depend on the tree. A primitive's test is one sequence of operations,
 // however it is scheduled. Ties go to the primitive with the smaller number. No box is skipped that
@@ -18,9 +18,9 @@ namespace veriray {
 
 inline constexpr uint32_t kLeafFlag = 0x80000000u;
 inline constexpr uint32_t kEmptyChild = 0xffffffffu;
-inline constexpr float kBoxPad = 0x1p-20f;                  // normalised units
-inline constexpr uint32_t kMaxLeaf = 16;                    // records
-inline constexpr uint32_t kCpuWidth = 8, kDeviceWidth = 4;  // children of a node
+inline constexpr float kBoxPad = 0x1p-20f;   // normalised units
+inline constexpr uint32_t kMaxLeaf = 16;     // records
+inline constexpr uint32_t kDeviceWidth = 4;  // children of a node
 
 // Kinds of primitives that a tree may hold: code for other kinds is not compiled.
 enum TreeKinds : uint32_t { kTreeTriangles = 1, kTreeSpheres = 2, kTreeDisks = 4 };
@@ -39,7 +39,7 @@ enum RecordKind : uint32_t { kTriangleRecord = 0, kSphereRecord = 1, kDiskRecord
 // The CPU's leaves begin at a block and hold kLeafRows rows of `count` numbers, one row after
 // another: the floats 0 to 12 of the records, then kRecordMark | kind << kRecordKindShift |
 // primitive (a normal number when read as a float).
-inline constexpr uint32_t kLeafRows = 14, kCpuLeaf = 8, kBlockFloats = 16;
+inline constexpr uint32_t kLeafRows = 14, kBlockFloats = 16;
 inline constexpr uint32_t kRecordKindShift = 27, kRecordMark = 0x40000000u;
 struct alignas(64) RecordBlock {
     float f[kBlockFloats];

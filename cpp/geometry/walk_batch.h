@@ -9,12 +9,12 @@ namespace veriray {
 // Ray i of the lanes, in registers.
 template <class L>
 struct Walker {
-    using F = Batch::F;
+    using F = Simd::F;
     const Walkers<L>& lanes;
     const uint32_t i;
-    const Slabs<Batch> slabs;
+    const Slabs<Simd> slabs;
     const Vec3<F> sheared_o;
-    const Shear<Batch> shear;
+    const Shear<Simd> shear;
     const F after;
     float t;  // of the closest hit
     uint32_t primitive;
@@ -34,14 +34,14 @@ struct Walker {
 template <class L>
 VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walker<L>& r,
                        float (&entry)[kCpuWidth]) {
-    using F = Batch::F;
+    using F = Simd::F;
     const float* rows = node.lo[0];
     uint32_t hits = 0;
-    for (uint32_t k = 0; k < kCpuWidth; k += Batch::kWidth) {
+    for (uint32_t k = 0; k < kCpuWidth; k += Simd::kWidth) {
         const auto at =
             [&](const uint32_t (&row)[3][L::kWidth], uint32_t a, F inverse, F start)
                 VR_INLINED { return fma(load(rows + row[a][r.i] + k, F()), inverse, start); };
-        const Slabs<Batch>& s = r.slabs;
+        const Slabs<Simd>& s = r.slabs;
         const F in = max(max(at(r.lanes.near_row, 0, s.inverse.x, s.near.x),
                              at(r.lanes.near_row, 1, s.inverse.y, s.near.y)),
                          max(at(r.lanes.near_row, 2, s.inverse.z, s.near.z), r.after));
@@ -58,12 +58,12 @@ VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walker<L>& r,
 template <uint32_t kKinds, class L>
 VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walker<L>& r,
                          float (&t)[kCpuLeaf]) {
-    using F = Batch::F;
+    using F = Simd::F;
     const Walkers<L>& w = r.lanes;
     const uint32_t i = r.i;
     const uint64_t corner = 3 * count;
     uint32_t hits = 0;
-    for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+    for (uint32_t k = 0; k < kCpuLeaf; k += Simd::kWidth) {
         const Vec3<F> o = r.sheared_o;
         const float *x = rows + w.axis[0][i] * count + k, *y = rows + w.axis[1][i] * count + k,
                     *z = rows + w.axis[2][i] * count + k;
@@ -73,22 +73,22 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walker<L>& r,
             Vec3<F>{load(x + 2 * corner, F()), load(y + 2 * corner, F()),
                     load(z + 2 * corner, F())} -
                 o};
-        hits |= bits(inside_sheared<Batch>(r.shear, v)) << k;
+        hits |= bits(inside_sheared<Simd>(r.shear, v)) << k;
     }
     hits &= (1u << count) - 1u;
-    for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+    for (uint32_t k = 0; k < kCpuLeaf; k += Simd::kWidth) {
         if (!(hits >> k)) break;
         const auto row = [&](uint32_t c) VR_INLINED { return load(rows + c * count + k, F()); };
         const Vec3<F> v[3] = {
             {row(0), row(1), row(2)}, {row(3), row(4), row(5)}, {row(6), row(7), row(8)}};
-        const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
+        const Ray<Simd> ray{all_of(w.o, i), all_of(w.d, i)};
         const Vec3<F> n{row(kRecordPlane), row(kRecordPlane + 1), row(kRecordPlane + 2)};
         const F height =
             fma(n.z, ray.o.z, fma(n.y, ray.o.y, fma(n.x, ray.o.x, row(kRecordPlane + 3))));
-        const F at = bounded_distance<Batch>(-height / dot(n, ray.d), r.slabs, v);
+        const F at = bounded_distance<Simd>(-height / dot(n, ray.d), r.slabs, v);
         store(t + k, at);
         const auto ahead = (at > F(0.f)) & (at >= r.after) & (at <= F(r.t));
-        hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits(ahead) << k;
+        hits &= ~(((1u << Simd::kWidth) - 1u) << k) | bits(ahead) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
         hits = round_hits<kKinds>(rows, count, w, i, r.t, hits, t);

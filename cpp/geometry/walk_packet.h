@@ -1,5 +1,5 @@
 // The CPU's traversal for rays side by side: where they have their main axis in common and spread
-// little, all go through the tree together. The eight boxes of a node are tested against the hull
+// little, all go through the tree together. The boxes of a node are tested against the hull
 // of the rays, and what remains, as the triangles of a leaf, one after another against all rays.
 // A. Reshetov, A. Soupikov, J. Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005.
 #pragma once
@@ -18,7 +18,7 @@ struct Packet {
     using F = typename L::F;
     using U = typename L::U;
     using M = typename L::M;
-    using B = Batch::F;
+    using B = Simd::F;
     const Ray<L>& ray;
     const Hit<L>& last;
     const Slabs<L>& slabs;
@@ -78,7 +78,7 @@ struct Packet {
         const float* ahead = sign < 0.f ? hi : lo;
         const float* behind = sign < 0.f ? lo : hi;
         uint32_t hits = 0;
-        for (uint32_t k = 0; k < kCpuWidth; k += Batch::kWidth) {
+        for (uint32_t k = 0; k < kCpuWidth; k += Simd::kWidth) {
             const B from =
                 max(fma(load(ahead + axis[2] * kCpuWidth + k, B()), B(sign), B(-near)), B(0.f));
             const B to = fma(load(behind + axis[2] * kCpuWidth + k, B()), B(sign), B(-far));

@@ -1,13 +1,16 @@
-// The CPU's traversal of a large tree: one ray tests a node of eight boxes or a leaf of up to eight
-// records at once, and the rays of the lanes take turns, one node each, so that memory loads what
-// the others need meanwhile. I. Wald, C. Benthin, S. Boulos, "Getting Rid of Packets", RT 2008.
+// The CPU's traversal of a large tree: one ray tests all boxes of a node or all records of a leaf
+// at once, and the rays of the lanes take turns, one node each, so that memory loads what the
+// others need meanwhile. I. Wald, C. Benthin, S. Boulos, "Getting Rid of Packets", RT 2008.
 #pragma once
 
 #include "geometry/bvh.h"
 
 namespace veriray {
 
-inline constexpr uint32_t kCpuStack = 7 * 64 + 1;  // seven siblings per level of the deepest tree
+// Children of a node and records of a leaf: one vector, but eight at least. Not `inline`: other
+// translation units have vectors of other widths.
+constexpr uint32_t kCpuWidth = Simd::kWidth > 8 ? Simd::kWidth : 8, kCpuLeaf = kCpuWidth;
+constexpr uint32_t kCpuStack = (kCpuWidth - 1) * 64 + 1;  // siblings per level of the deepest tree
 
 // The rays of the lanes during traversal.
 template <class L>
@@ -49,18 +52,18 @@ struct Walkers {
 };
 
 template <uint32_t n>
-VR_HD Vec3<Batch::F> all_of(const float (&column)[3][n], uint32_t lane) {
-    return {Batch::F(column[0][lane]), Batch::F(column[1][lane]), Batch::F(column[2][lane])};
+VR_HD Vec3<Simd::F> all_of(const float (&column)[3][n], uint32_t lane) {
+    return {Simd::F(column[0][lane]), Simd::F(column[1][lane]), Simd::F(column[2][lane])};
 }
 
 // Children whose boxes ray i enters within its t, as bits, and the distances.
 template <class L>
 VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walkers<L>& w, uint32_t i,
                        float (&entry)[kCpuWidth]) {
-    using F = Batch::F;
+    using F = Simd::F;
     const float* rows = node.lo[0];
     uint32_t hits = 0;
-    for (uint32_t k = 0; k < kCpuWidth; k += Batch::kWidth) {
+    for (uint32_t k = 0; k < kCpuWidth; k += Simd::kWidth) {
         const auto near = [&](uint32_t a) {
             return fma(load(rows + w.near_row[a][i] + k, F()), F(w.inverse[a][i]), F(w.near[a][i]));
         };
@@ -88,24 +91,24 @@ VR_HD uint32_t record_kind(const float* rows, uint32_t count, uint32_t j) {
 template <uint32_t kKinds, class L>
 VR_HD uint32_t round_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
                           float t_max, uint32_t hits, float (&t)[kCpuLeaf]) {
-    using F = Batch::F;
-    const auto kind_of = [&](uint32_t j) { return record_kind(rows, count, j); };
-    uint32_t round = 0, spheres = 0;
-    for (uint32_t j = 0; j < count; ++j) {
-        round |= static_cast<uint32_t>(kind_of(j) != kTriangleRecord) << j;
-        spheres |= static_cast<uint32_t>(kind_of(j) == kSphereRecord) << j;
-    }
-    hits &= ~round;
-    if constexpr (kKinds & kTreeSpheres)
-        for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
-            if (!(spheres & (spheres - 1)) || !(spheres >> k)) break;
+    using F = Simd::F;
+    using U = Simd::U;
+    uint32_t round = 0;
+    for (uint32_t k = 0; k < count; k += Simd::kWidth) {
+        const auto row = [&](uint32_t c) VR_INLINED { return load(rows + c * count + k, F()); };
+        const U kind = as_uint(row(kRecordId)) >> kRecordKindShift & U(3u);
+        const uint32_t others = bits(!(kind == U(kTriangleRecord))) << k;
+        hits &= ~others, round |= others;
+        if constexpr (kKinds & kTreeSpheres) {
+            const uint32_t spheres = bits(kind == U(kSphereRecord));
+            if (!(spheres & (spheres - 1))) continue;
             F record[kSphereFloats];
-            for (uint32_t c = 0; c < kSphereFloats; ++c)
-                record[c] = load(rows + c * count + k, F());
-            const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
-            const uint32_t close = bits(may_meet_sphere<Batch>(record, ray, F(kInfinity)));
-            round &= ~(spheres & (~close & ((1u << Batch::kWidth) - 1u)) << k);
+            for (uint32_t c = 0; c < kSphereFloats; ++c) record[c] = row(c);
+            const Ray<Simd> ray{all_of(w.o, i), all_of(w.d, i)};
+            round &= ~((spheres & ~bits(may_meet_sphere<Simd>(record, ray, F(kInfinity)))) << k);
         }
+    }
+    round &= (1u << count) - 1u;
     for (; round; round &= round - 1) {
         const uint32_t j = static_cast<uint32_t>(__builtin_ctz(round));
         float record[12];
@@ -114,8 +117,9 @@ VR_HD uint32_t round_hits(const float* rows, uint32_t count, const Walkers<L>& w
             return Scalar3{column[0][i], column[1][i], column[2][i]};
         };
         t[j] = round_distance<kKinds, Scalar>(
-            record, kind_of(j), record_primitive(rows, count, j), {one(w.o), one(w.d)},
-            {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
+            record, record_kind(rows, count, j), record_primitive(rows, count, j),
+            {one(w.o), one(w.d)}, {one(w.inverse), one(w.near), one(w.far)},
+            {w.after[i], w.passed[i]});
         hits |= static_cast<uint32_t>(t[j] <= t_max && t[j] < kInfinity) << j;
     }
     return hits;
@@ -125,9 +129,9 @@ VR_HD uint32_t round_hits(const float* rows, uint32_t count, const Walkers<L>& w
 template <uint32_t kKinds, class L>
 VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
                          float (&t)[kCpuLeaf]) {
-    using F = Batch::F;
+    using F = Simd::F;
     uint32_t hits = 0;
-    for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+    for (uint32_t k = 0; k < kCpuLeaf; k += Simd::kWidth) {
         const Vec3<F> o = all_of(w.sheared_o, i);
         const uint64_t corner = 3 * count;
         const float *x = rows + w.axis[0][i] * count + k, *y = rows + w.axis[1][i] * count + k,
@@ -138,24 +142,24 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
             Vec3<F>{load(x + 2 * corner, F()), load(y + 2 * corner, F()),
                     load(z + 2 * corner, F())} -
                 o};
-        const Shear<Batch> shear{{}, {}, F(w.shear[0][i]), F(w.shear[1][i])};
-        hits |= bits(inside_sheared<Batch>(shear, v)) << k;
+        const Shear<Simd> shear{{}, {}, F(w.shear[0][i]), F(w.shear[1][i])};
+        hits |= bits(inside_sheared<Simd>(shear, v)) << k;
     }
     hits &= (1u << count) - 1u;
-    for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+    for (uint32_t k = 0; k < kCpuLeaf; k += Simd::kWidth) {
         if (!(hits >> k)) break;
         const auto row = [&](uint32_t r) { return load(rows + r * count + k, F()); };
         const Vec3<F> v[3] = {
             {row(0), row(1), row(2)}, {row(3), row(4), row(5)}, {row(6), row(7), row(8)}};
-        const Slabs<Batch> slabs{all_of(w.inverse, i), all_of(w.near, i), all_of(w.far, i)};
-        const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
+        const Slabs<Simd> slabs{all_of(w.inverse, i), all_of(w.near, i), all_of(w.far, i)};
+        const Ray<Simd> ray{all_of(w.o, i), all_of(w.d, i)};
         const Vec3<F> n{row(kRecordPlane), row(kRecordPlane + 1), row(kRecordPlane + 2)};
         const F height =
             fma(n.z, ray.o.z, fma(n.y, ray.o.y, fma(n.x, ray.o.x, row(kRecordPlane + 3))));
-        const F at = bounded_distance<Batch>(-height / dot(n, ray.d), slabs, v);
+        const F at = bounded_distance<Simd>(-height / dot(n, ray.d), slabs, v);
         store(t + k, at);
         const auto ahead = (at > F(0.f)) & (at >= F(w.after[i])) & (at <= F(w.t[i]));
-        hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits(ahead) << k;
+        hits &= ~(((1u << Simd::kWidth) - 1u) << k) | bits(ahead) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
         hits = round_hits<kKinds>(rows, count, w, i, w.t[i], hits, t);
@@ -202,7 +206,8 @@ VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
             uint64_t* top = base;
             {
                 const bool two = hits != 0;
-                const uint32_t k = static_cast<uint32_t>(__builtin_ctz(hits | 128u));
+                const uint32_t k =
+                    static_cast<uint32_t>(__builtin_ctz(hits | 1u << (kCpuWidth - 1)));
                 hits &= hits - 1;
                 const uint64_t other = static_cast<uint64_t>(as_uint(entry[k])) << 32 | n.child[k];
                 const bool swap = !kAny && two && other < nearest;

@@ -59,7 +59,9 @@ struct WalkCost {
     uint32_t block_size;  // records that are tested at once
     uint32_t max_leaf;
 };
-inline constexpr WalkCost kSimdWalk{1.f, 8, 8}, kScalarWalk{1.f, 1, 8};
+template <uint32_t kLanes>
+inline constexpr WalkCost kSimdWalk{1.f, kLanes, kLanes};
+inline constexpr WalkCost kScalarWalk{1.f, 1, 8};
 
 // The `sah` builder. walk: records that it tests at once stay together, unless triangles are split.
 // threads: 0 for all; the tree does not depend on it.
@@ -81,10 +83,10 @@ struct WideTree {
     double seconds = 0;
 };
 
-// The N-wide tree (2, 4 or 8) of least expected cost that the binary tree contains; this also
+// The N-wide tree (2, 4, 8 or 16) of least expected cost that the binary tree contains; this also
 // chooses the leaves. Throws std::invalid_argument for more than 2^27 references.
 template <uint32_t N>
-WideTree<N> collapse(const BuiltBvh& bvh, WalkCost walk = kSimdWalk);
+WideTree<N> collapse(const BuiltBvh& bvh, WalkCost walk);
 
 // The `ploc` builder on the host; see scene/ploc.h. The primitives' boxes are finite and not empty.
 // threads, progress: as for build_bvh.

@@ -53,5 +53,6 @@ WideTree<N> collapse(const BuiltBvh& bvh, WalkCost walk) {
 template WideTree<2> collapse(const BuiltBvh&, WalkCost);
 template WideTree<4> collapse(const BuiltBvh&, WalkCost);
 template WideTree<8> collapse(const BuiltBvh&, WalkCost);
+template WideTree<16> collapse(const BuiltBvh&, WalkCost);
 
 }  // namespace veriray

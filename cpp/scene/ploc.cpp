@@ -83,5 +83,6 @@ WideTree<N> build_ploc(const TreeInput& in, WalkCost walk, uint32_t threads,
 template WideTree<2> build_ploc(const TreeInput&, WalkCost, uint32_t, const BuildPoll&);
 template WideTree<4> build_ploc(const TreeInput&, WalkCost, uint32_t, const BuildPoll&);
 template WideTree<8> build_ploc(const TreeInput&, WalkCost, uint32_t, const BuildPoll&);
+template WideTree<16> build_ploc(const TreeInput&, WalkCost, uint32_t, const BuildPoll&);
 
 }  // namespace veriray

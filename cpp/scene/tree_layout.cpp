@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <string>
 
 #include "scene/thread_pool.h"
 
@@ -20,32 +21,35 @@ std::vector<T> room_for(size_t n) {
 
 size_t blocks_for(uint32_t count) { return (count * kLeafRows + kBlockFloats - 1) / kBlockFloats; }
 
-template <class Fn>
-void each_leaf(WideNode<kCpuWidth>& node, Fn fn) {
+template <uint32_t N, class Fn>
+void each_leaf(WideNode<N>& node, Fn fn) {
     for (uint32_t& child : node.child)
         if (child != kEmptyChild && child & kLeafFlag) fn(child, (child & 15u) + 1);
 }
 
 }  // namespace
 
-Large<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
-                               const std::vector<uint32_t>& order, const float* records) {
+template <uint32_t N>
+Large<RecordBlock> pack_blocks(std::vector<WideNode<N>>& nodes, const std::vector<uint32_t>& order,
+                               const float* records) {
     size_t need = 0;
     std::vector<size_t> begin(nodes.size());  // of a node's leaves
     for (size_t i = 0; i < nodes.size(); ++i) {
         begin[i] = need;
         each_leaf(nodes[i], [&](uint32_t, uint32_t count) {
-            if (count > kCpuLeaf) throw std::invalid_argument("a leaf of more than 8 records");
+            if (count > N)
+                throw std::invalid_argument("a leaf of more than " + std::to_string(N) +
+                                            " records");
             need += blocks_for(count);
         });
     }
     if (need > 1u << 27) throw std::invalid_argument("more than 2^27 blocks of records");
-    auto own = room_for<WideNode<kCpuWidth>>(nodes.size());
+    auto own = room_for<WideNode<N>>(nodes.size());
     own.assign(nodes.begin(), nodes.end());
     nodes.swap(own);
-    need += kCpuLeaf * sizeof(float) / sizeof(RecordBlock) + 1;  // vectors read past the last row
+    need += N * sizeof(float) / sizeof(RecordBlock) + 1;  // vectors read past the last row
     Large<RecordBlock> blocks(need);
-    const auto pack = [&](WideNode<kCpuWidth>& node, size_t at) {
+    const auto pack = [&](WideNode<N>& node, size_t at) {
         each_leaf(node, [&](uint32_t& child, uint32_t count) {
             const size_t first = (child & ~kLeafFlag) >> 4;
             float* rows = blocks[at].f;
@@ -65,5 +69,9 @@ Large<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
     });
     return blocks;
 }
+template Large<RecordBlock> pack_blocks(std::vector<WideNode<8>>&, const std::vector<uint32_t>&,
+                                        const float*);
+template Large<RecordBlock> pack_blocks(std::vector<WideNode<16>>&, const std::vector<uint32_t>&,
+                                        const float*);
 
 }  // namespace veriray

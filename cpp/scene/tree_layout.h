@@ -10,8 +10,9 @@ namespace veriray {
 
 // Packs the CPU's leaves from records by primitive (kRecordFloats each); order: primitives by slot.
 // Afterwards the leaves of `nodes` begin at blocks, not at slots. Throws std::invalid_argument for
-// a leaf of more than kCpuLeaf records and for more than 2^27 blocks.
-Large<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
-                               const std::vector<uint32_t>& order, const float* records);
+// a leaf of more than N records and for more than 2^27 blocks.
+template <uint32_t N>
+Large<RecordBlock> pack_blocks(std::vector<WideNode<N>>& nodes, const std::vector<uint32_t>& order,
+                               const float* records);
 
 }  // namespace veriray

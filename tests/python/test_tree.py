@@ -148,7 +148,7 @@ def check_tree(nodes: Array, order: Array, width: int, count: int) -> None:
     first, number = (leaves & ~np.uint32(LEAF)) >> 4, (leaves & 15) + 1
     at = np.argsort(first)
     assert np.array_equal(first[at], np.cumsum([0, *number[at]])[:-1]) and number.sum() == count
-    assert number.max() <= 8
+    assert number.max() <= 16
     parent, slot = np.nonzero(inner)
     below = child[parent, slot]
     assert (lo[parent, slot] <= lo[below].min(axis=1)).all()
@@ -180,7 +180,7 @@ def test_structure(name: str) -> None:
     assert host.tree["references"] == count and host.primitives["dropped"] == 0
     assert host.tree["depth"] <= MAX_DEPTH
     orders = []
-    for width in WIDTHS:
+    for width in sorted({*WIDTHS, host.tree["width"]}):
         nodes, order = module.host_ploc(host, width)
         check_tree(nodes, order, width, count)
         check_boxes(nodes, order, width, scene, host)

@@ -136,8 +136,11 @@ def primitive_boxes(scene: vr.Scene, host: Any) -> tuple[Array, Array]:
     return v.min(axis=1), v.max(axis=1)
 
 
-def check_tree(nodes: Array, order: Array, width: int, count: int) -> None:
-    """A tree over `count` primitives, each in one leaf; boxes hold those below them."""
+def check_tree(nodes: Array, order: Array, width: int, count: int, largest: int = 8) -> None:
+    """A tree over `count` primitives, each in one leaf; boxes hold those below them.
+
+    largest: primitives of a leaf at most.
+    """
     lo, hi, child = split(nodes, width)
     assert sorted(order.tolist()) == list(range(count))
     used, inner = child != EMPTY, (child & LEAF) == 0
@@ -148,7 +151,7 @@ def check_tree(nodes: Array, order: Array, width: int, count: int) -> None:
     first, number = (leaves & ~np.uint32(LEAF)) >> 4, (leaves & 15) + 1
     at = np.argsort(first)
     assert np.array_equal(first[at], np.cumsum([0, *number[at]])[:-1]) and number.sum() == count
-    assert number.max() <= 16
+    assert number.max() <= largest
     parent, slot = np.nonzero(inner)
     below = child[parent, slot]
     assert (lo[parent, slot] <= lo[below].min(axis=1)).all()
@@ -182,7 +185,7 @@ def test_structure(name: str) -> None:
     orders = []
     for width in sorted({*WIDTHS, host.tree["width"]}):
         nodes, order = module.host_ploc(host, width)
-        check_tree(nodes, order, width, count)
+        check_tree(nodes, order, width, count, max(8, host.tree["width"]))
         check_boxes(nodes, order, width, scene, host)
         orders.append(order)
     assert all(np.array_equal(o, orders[0]) for o in orders)

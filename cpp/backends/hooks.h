@@ -276,13 +276,12 @@ VR_HD void evaluate_optics(Function which, const typename L::F* x, typename L::F
         y[0] = fresnel_conductor(x[0], x[1], x[2]);
     } else if (which == Function::kFreeFlight) {
         const S none = S::all(F(0.f)), one = S::all(F(1.f));
-        const Flight<F> f =
-            free_flight(S::all(x[0]), none, one, x[1], F(0.f), word_of(x[2], x[3]), false);
-        y[0] = f.t, y[1] = F(1.f) - f.weight[0];
+        y[0] = free_flight(S::all(x[0]), one, F(0.f), word_of(x[2], x[3]), false);
+        y[1] = F(1.f) - flight_weight(S::all(x[0]), none, one, y[0], x[1], false)[0];
     } else {
-        const Flight<F> f = free_flight(S::from(x), S::from(x + 3), S::from(x + 6), x[9], x[10],
-                                        word_of(x[11], x[12]), true);
-        y[0] = f.t, put(y + 1, f.weight);
+        const S sigma = S::from(x), throughput = S::from(x + 6);
+        y[0] = free_flight(sigma, throughput, x[10], word_of(x[11], x[12]), true);
+        put(y + 1, flight_weight(sigma, S::from(x + 3), throughput, y[0], x[9], true));
     }
 }
 

@@ -173,6 +173,17 @@ struct DirectLight : RayMedia<L, kFeatures> {
             if (any(behind)) shadow.wanted = shadow.wanted & start_behind(at, behind, shadow);
     }
 
+    // Lanes at collisions whose light samples do not arrive, whatever is on the way: their rays are
+    // not wanted.
+    static VR_HD M shut_in(const SceneView& scene, const PathState<L>& path, M collided,
+                           ShadowRequest<L>& shadow) {
+        if (!scene.shut_media) return no_lanes(collided);
+        const M shut = shadow.wanted & collided &
+                       (Media::medium_column(scene, path.medium, kMediumShut) > F(0.f));
+        shadow.wanted = shadow.wanted & !shut;
+        return shut;
+    }
+
     // From the other side of the surface to the same point, or the same way if that is far away.
     // False where the point is not beyond that side: it is on the surface, which does not light
     // itself.

@@ -24,7 +24,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
-    using Vertices::arrive, Vertices::reach, Vertices::scatter_at_surface,
+    using Vertices::arrive, Vertices::ray_end, Vertices::reach, Vertices::scatter_at_surface,
         Vertices::scatter_in_medium, Vertices::surface_vertex;
     using Lane = L;
     static constexpr FeatureMask kMask = kFeatures;
@@ -89,6 +89,9 @@ struct PathTracer : PathVertices<L, kFeatures> {
         path.passed = U(~0u);
         path.vertices = U(0u);
         path.medium = U(scene.camera_medium);
+        path.flight = F(kInfinity);
+        if constexpr (has(kMedia))
+            if (scene.camera_medium) Vertices::set_out(scene, s, path, 0, path.pixel == path.pixel);
         path.facing = U(0u);
         return path;
     }
@@ -175,6 +178,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
             if (scene.lights.count && any(receives)) {
                 request(scene, s, path, place, segment, random, receives, drawn, shadow);
                 weighed = true;
+                if constexpr (has(kMedia))
+                    e.occluded = Direct::shut_in(scene, path, place.collided, shadow);
             }
         }
         BsdfSample<L> next;
@@ -189,6 +194,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
                 scatter_in_medium(scene, s, path, segment, place, random, next);
         advance(scene, path, place, next);
         end_here(scene, s, path, segment, place, e);
+        if constexpr (has(kMedia)) Vertices::set_out(scene, s, path, segment + 1, e.alive);
         return e;
     }
 

@@ -42,24 +42,63 @@ struct PathVertices : DirectLight<L, kFeatures> {
     static VR_HD M cross(const SceneView& scene, const PathSettings& s, PathState<L>& path,
                          Hit<L>& hit, F& flown, F far, uint32_t segment, M active) {
         M inside = active & !(path.medium == U(0u));
-        leave_closed(scene, path, inside & !(hit.t < F(kInfinity)));
-        inside = inside & !(path.medium == U(0u));
         if (none(inside)) return inside;
-        const Block<U> r =
-            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
+        const M endless = inside & !(hit.t < F(kInfinity));
+        if (any(endless)) {
+            const U before = path.medium;
+            leave_closed(scene, path, endless);
+            const M left = endless & !(path.medium == before);
+            if (any(left)) set_out(scene, s, path, segment, left);
+            inside = inside & !(path.medium == U(0u));
+            if (none(inside)) return inside;
+        }
         const F limit = min(hit.t, far) - Reader::passed(path).t;
-        Flight<F> flight =
-            free_flight(Direct::extinction(scene, path.medium, path.ray.d),
-                        medium_spectrum(scene, path.medium, kMediumAlbedo), path.throughput, limit,
-                        uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
+        flown = path.flight;
+        S weight = flight_weight(Direct::extinction(scene, path.medium, path.ray.d),
+                                 medium_spectrum(scene, path.medium, kMediumAlbedo),
+                                 path.throughput, flown, limit, chromatic(scene));
         if constexpr (has(kUnevenMedia))
             if (scene.features & kUnevenMedia)
-                cross_uneven(scene, s, path, limit, segment, inside, flight);
-        path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
-        flown = flight.t;
-        const M collided = inside & (flight.t < limit);
-        hit.t = select(collided, Reader::passed(path).t + flight.t, hit.t);
+                cross_uneven(scene, s, path, limit, segment, inside, flown, weight);
+        path.throughput = select(inside, path.throughput * weight, path.throughput);
+        const M collided = inside & (flown < limit);
+        hit.t = select(collided, Reader::passed(path).t + flown, hit.t);
         return collided;
+    }
+
+    // ---- set out: the free flight of rays that begin segment `segment`; infinite in the vacuum
+    // and in uneven media, where it is sampled on the way ----
+    static VR_HD void set_out(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+                              uint32_t segment, M lanes) {
+        path.flight = select(lanes, F(kInfinity), path.flight);
+        M inside = lanes & !(path.medium == U(0u));
+        if constexpr (has(kUnevenMedia))
+            if (scene.features & kUnevenMedia)
+                inside = inside & !Direct::uneven_medium(scene, path.medium);
+        if (none(inside)) return;
+        const Block<U> r =
+            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
+        const V d = path.ray.d;
+        const F flight = free_flight(Direct::extinction(scene, path.medium, d), path.throughput,
+                                     uniform(r.y), r.x, chromatic(scene));
+        path.flight = select(inside, flight, path.flight);
+    }
+    static VR_HD bool chromatic(const SceneView& scene) {
+        return has(kChromatic) && (scene.features & kChromatic) != 0;
+    }
+
+    // How far along its ray a path looks for its next hit in a tree: somewhat beyond the next
+    // collision, so that a surface is found across which rounding might take the collision's point
+    // (by less than 2^-21 of its numbers; one farther away would have to enclose less than 2^-11
+    // with the ray).
+    static VR_HD F ray_end(const SceneView& scene, const PathState<L>& path) {
+        if constexpr (has(kMedia) && has(kBvh))
+            if (scene.features & kBvh) {
+                const F t = Reader::passed(path).t + path.flight;
+                const V& o = path.ray.o;
+                return fma(abs(o.x) + abs(o.y) + abs(o.z) + t, F(0x1p-10f), t);
+            }
+        return F(kInfinity);
     }
 
     // The albedo at collisions in media where a grid gives it.
@@ -77,7 +116,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     // The flights of lanes whose medium's extinction is uneven.
     static VR_HD void cross_uneven(const SceneView& scene, const PathSettings& s,
                                    PathState<L>& path, F limit, uint32_t segment, M inside,
-                                   Flight<F>& flight) {
+                                   F& flown, S& weight) {
         const M uneven = inside & Direct::uneven_medium(scene, path.medium);
         if (none(uneven)) return;
         const RandomStream<U> random = random_stream(
@@ -86,13 +125,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
         F sigma = medium_column(scene, path.medium, kMediumSigma);
         if (Direct::has_flakes(scene))
             sigma = sigma * Direct::met_along(scene, path.medium, path.ray.d);
-        const F t = Volumes<L>::flight(
-            scene, Direct::passage(scene, path, limit, uneven), sigma, random, throughput,
-            has(kChromatic) && (scene.features & kChromatic) != 0, uneven);
+        const F t = Volumes<L>::flight(scene, Direct::passage(scene, path, limit, uneven), sigma,
+                                       random, throughput, chromatic(scene), uneven);
         path.throughput = throughput;
-        flight.t = select(uneven, t, flight.t);
+        flown = select(uneven, t, flown);
         const S albedo = medium_spectrum(scene, path.medium, kMediumAlbedo);
-        flight.weight = select(uneven, select(t < limit, albedo, white()), flight.weight);
+        weight = select(uneven, select(t < limit, albedo, white()), weight);
     }
 
     // ---- hit emitter: adds emission, returns the lanes that met an emitter's front ----
@@ -141,13 +179,13 @@ struct PathVertices : DirectLight<L, kFeatures> {
                           uint32_t segment, M active, Place& place, Events<L>& e) {
         Hit<L>& hit = place.hit;
         if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
-        M valid = active & (hit.t < F(kInfinity));
+        M valid = active & Reader::met(hit);
         place.collided = no_lanes(active);
         V collision = path.ray.o;
         if constexpr (has(kClip))
             if (has(kPass) || segment == 0) {
                 valid = valid & (hit.t <= far);
-                hit.t = select(valid, hit.t, F(kInfinity));
+                hit.t = select(active & !(hit.t <= far), F(kInfinity), hit.t);
             }
         if constexpr (has(kMedia)) {
             const Hit<L> end = hit;

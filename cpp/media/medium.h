@@ -19,6 +19,7 @@ enum MediumColumn : uint32_t {
     kMediumLobes,                      // and how many it has
     kMediumFlakes,                     // with kPhases: the lobe whose flakes it is of; -1: none
     kMediumBeyond,                     // medium for a ray that meets nothing; itself if unbounded
+    kMediumShut,                       // 1: no light sample arrives from within
     kMediumAlbedoGrid,                 // a factor on the albedo; -1: none
     kMediumSigmaGrid,                  // the share of the extinction that is there; -1: none
     kMediumColumns,
@@ -31,30 +32,26 @@ VR_HD Spectrum<F> transmittance(const Spectrum<F>& sigma, F d) {
         [&](uint32_t k) { return select(sigma[k] > F(0.f), exp_minus(sigma[k] * d), F(1.f)); });
 }
 
-template <class F>
-struct Flight {
-    F t;                 // distance to the next collision
-    Spectrum<F> weight;  // of colliding there, or of arriving at `limit` first
-};
-
-// u24: 24 bits in [0, 1) that choose the channel; flight: 32 bits. chromatic: false if all media of
-// the scene are grey.
+// The distance to the next collision. u24: 24 bits in [0, 1) that choose the channel; flight: 32
+// bits. chromatic: false if all media of the scene are grey.
 template <class F, class U>
-VR_HD Flight<F> free_flight(const Spectrum<F>& sigma, const Spectrum<F>& albedo,
-                            const Spectrum<F>& throughput, F limit, F u24, U flight,
-                            bool chromatic) {
+VR_HD F free_flight(const Spectrum<F>& sigma, const Spectrum<F>& throughput, F u24, U flight,
+                    bool chromatic) {
     const F depth = exponential(flight);
-    if (!chromatic) {
-        const F t = depth / sigma[0];
-        return {t, select(t < limit, albedo, Spectrum<F>::all(F(1.f)))};
-    }
-    const Spectrum<F> w = shares(throughput);
-    const F t = depth / choose(sigma, w, u24);
+    return depth / (chromatic ? choose(sigma, shares(throughput), u24) : sigma[0]);
+}
+
+// The weight of colliding at t, or of arriving at `limit` first.
+template <class F>
+VR_HD Spectrum<F> flight_weight(const Spectrum<F>& sigma, const Spectrum<F>& albedo,
+                                const Spectrum<F>& throughput, F t, F limit, bool chromatic) {
+    if (!chromatic) return select(t < limit, albedo, Spectrum<F>::all(F(1.f)));
     const auto collides = t < limit;
+    const Spectrum<F> w = shares(throughput);
     const Spectrum<F> through = transmittance(sigma, min(t, limit));
     const Spectrum<F> density = select(collides, through * sigma, through);
     const F pdf = inner(w, density);
-    return {t, select(collides, density * albedo, density) * (F(1.f) / pdf)};
+    return select(collides, density * albedo, density) * (F(1.f) / pdf);
 }
 
 }  // namespace veriray

@@ -16,6 +16,7 @@ uint32_t depend_on(const char* name) {
         uint32_t stages;
     };
     static constexpr Row kRows[] = {
+        {"opacity", kOnSurfaces | kOnMedia},
 #define VR_PARAMETER(name, width) {#name, kOnSurfaces},
 #include "schema/materials.def"
         {"emissions", kOnSurfaces | kOnLights},
@@ -32,7 +33,7 @@ uint32_t depend_on(const char* name) {
         {"sky_muted", kOnLights},
         {"muted_segments", kOnLights},
         {"light_muted", kOnLights},
-        {"light_position", kOnLights},
+        {"light_position", kOnLights | kOnMedia},
         {"light_direction", kOnLights},
         {"light_intensity", kOnLights},
         {"light_angles", kOnLights},

@@ -206,6 +206,12 @@ struct AreaLight {
     double area;
 };
 
+// Of a medium: that of rays in it which meet nothing; no light sample arrives.
+struct MediumWalls {
+    uint32_t beyond = 0;
+    bool shut = false;
+};
+
 class LightTexture;
 class SceneBounds;
 struct SkyImage;
@@ -300,7 +306,7 @@ class HostScene : public Frame {
     void list_surfaces(const SceneInput& in);
     void set_surfaces(const SceneInput& in);
     void set_media(const SceneInput& in);
-    std::vector<uint32_t> media_beyond(const SceneInput& in) const;
+    std::vector<MediumWalls> media_walls(const SceneInput& in) const;
     void set_lights(const SceneInput& in);
     Flat light_shape(const SceneInput& in, uint32_t primitive) const {
         return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];

@@ -1,12 +1,12 @@
-// Tables of surfaces (material, emission, media) and of media.
+// Tables of surfaces: material, emission, media.
 #include <algorithm>
 #include <map>
 #include <thread>
 #include <tuple>
 
 #include "bsdfs/rough_coat.h"
-#include "scene/edge_hash.h"
 #include "scene/lost_light.h"
+#include "scene/scene.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {
@@ -60,19 +60,6 @@ RoughCoat rough_coat(float eta, float alpha, bool ggx, bool correlated, bool smo
     coat.inside = sum / (kCoatCells + 1);
     return coat;
 }
-
-// The boundary of a medium. edges: sum of hashes over the edges of triangles, oriented around the
-// medium's outer side; 0 if the surface is closed, and by chance with a probability of 2^-64.
-// volume: enclosed; negative if the medium is outside. other: the one medium beyond, 0 if there are
-// several.
-struct Enclosure {
-    uint64_t edges = 0;
-    double volume = 0;
-    uint32_t other = ~0u;
-    bool disks = false;
-
-    bool closed() const { return edges == 0 && volume > 0 && !disks; }
-};
 
 }  // namespace
 
@@ -249,94 +236,6 @@ void HostScene::set_surfaces(const SceneInput& in) {
     }
     view.surface_of = view.features & kBvh ? surface_of.data() : nullptr;
     view.surfaces = surfaces.data();
-}
-
-// For each medium, the medium of a ray in it that meets nothing, because it has left at an edge
-// within rounding. It is the medium itself if that may be right: around the camera, or if its
-// boundary is open.
-std::vector<uint32_t> HostScene::media_beyond(const SceneInput& in) const {
-    std::vector<Enclosure> media(in.sigma_t.count + 1);
-    // volume: behind the front, times 6
-    const auto bound = [&](int32_t boundary, uint64_t edges, double volume, bool disk) {
-        const int32_t* border = in.boundaries.data + 2 * boundary;
-        if (border[0] == border[1]) return;
-        for (const int k : {0, 1}) {
-            Enclosure& m = media[static_cast<size_t>(border[k] + 1)];
-            const uint32_t other = static_cast<uint32_t>(border[1 - k] + 1);
-            m.edges += k == 0 ? edges : 0 - edges;
-            m.volume += k == 0 ? volume : -volume;
-            m.other = m.other == ~0u || m.other == other ? other : 0;
-            m.disks |= disk;
-        }
-    };
-    for (size_t i = 0; i < in.triangles.count && in.boundaries.count > 0; ++i) {
-        if (in.boundary(kTriangleGroup).data[i] < 0) continue;
-        const Flat f = triangle(in, i);
-        const uint64_t h[3] = {hashed(f.v[0]), hashed(f.v[1]), hashed(f.v[2])};
-        bound(f.boundary, edge(h[0], h[1]) + edge(h[1], h[2]) + edge(h[2], h[0]),
-              dot(f.v[0], cross(f.v[1], f.v[2])), false);
-    }
-    for (size_t i = 0; i < in.spheres.count; ++i) {
-        const double r = in.spheres.data[4 * i + 3] / unit;
-        const double volume = 8 * 3.14159265358979323846 * r * r * r;
-        if (const int32_t b = in.boundary(kSphereGroup).data[i]; b >= 0)
-            bound(b, 0, in.sphere_inward.data[i] ? -volume : volume, false);
-    }
-    for (size_t i = 0; i < in.disks.count; ++i)
-        if (const int32_t b = in.boundary(kDiskGroup).data[i]; b >= 0) bound(b, 0, 0, true);
-    media[static_cast<size_t>(in.camera_medium + 1)].volume = 0;
-
-    std::vector<uint32_t> beyond(media.size());
-    for (uint32_t m = 1; m < beyond.size(); ++m) {
-        const uint32_t other = media[m].other;
-        beyond[m] = !media[m].closed() ? m : media[other].closed() ? 0 : other;
-    }
-    return beyond;
-}
-
-void HostScene::set_media(const SceneInput& in) {
-    const size_t count = in.sigma_t.count + 1;  // 0: vacuum
-    view.medium_stride = padded(count);
-    media.assign(static_cast<size_t>(kMediumColumns) * view.medium_stride, 0.f);
-    std::vector<bool> used(count, false);
-    used[static_cast<size_t>(in.camera_medium + 1)] = true;
-    if (in.boundaries.count > 0)
-        for (const PrimitiveSource& p : sources)
-            if (p.boundary >= 0)
-                for (int k = 0; k < 2; ++k)
-                    used[static_cast<size_t>(in.boundaries.data[2 * p.boundary + k] + 1)] = true;
-    const std::vector<uint32_t> beyond = media_beyond(in);
-    for (size_t m = 1; m < count; ++m) {
-        const float* sigma = in.sigma_t.data + 3 * (m - 1);
-        const auto put = [&](uint32_t c, double x) {
-            media[static_cast<size_t>(c) * view.medium_stride + m] = static_cast<float>(x);
-        };
-        for (uint32_t k = 0; k < 3; ++k) {
-            const double scaled = static_cast<double>(sigma[k]) * unit;
-            if (!(scaled < 1e30))
-                throw std::invalid_argument("sigma_t[" + std::to_string(m - 1) + "] = " +
-                                            number(sigma[k]) + " is too dense for the scene");
-            put(kMediumSigma + k, scaled);
-            put(kMediumAlbedo + k, in.albedo.data[3 * (m - 1) + k]);
-        }
-        put(kMediumG, in.phase_g.data[m - 1]);
-        put(kMediumBeyond, beyond[m]);
-        const int32_t albedo_grid = in.albedo_grid.data[m - 1];
-        const int32_t sigma_grid = sigma[0] > 0 ? in.sigma_t_grid.data[m - 1] : -1;
-        put(kMediumAlbedoGrid, albedo_grid);
-        put(kMediumSigmaGrid, sigma_grid);
-        if (!used[m]) continue;
-        view.features |= kMedia;
-        if (in.phase_lobe.data[m - 1] >= 0) view.features |= kPhases;
-        if (albedo_grid >= 0) view.features |= kAlbedoGrids;
-        if (sigma_grid >= 0) {
-            view.features |= kUnevenMedia;
-            if (!in.grid_grey.data[sigma_grid]) view.features |= kChromatic;
-        }
-        if (sigma[0] != sigma[1] || sigma[0] != sigma[2]) view.features |= kChromatic;
-    }
-    view.media = media.data();
-    view.camera_medium = static_cast<uint32_t>(in.camera_medium + 1);
 }
 
 }  // namespace veriray

@@ -104,6 +104,7 @@ struct SceneView {
     uint32_t surface_count, surface_stride;
     uint32_t medium_stride;
     uint32_t camera_medium;
+    bool shut_media;             // some medium is shut (kMediumShut)
     const float* primitives;     // [i * primitive_row + column * primitive_column]
     const float* smooth;         // by primitive: kSmoothFloats
     const float* uv;             // by primitive: kUvFloats; with kTextures or kTangents only

@@ -139,7 +139,7 @@ template <class Tracer, class Walker = Tracer>
 VR_HD void wave_trace(const SceneView& scene, const Wave& w, uint32_t first, uint32_t k) {
     const uint32_t i = w.live[first + k];
     const typename Tracer::State path = load_path<Tracer, kAhead>(w.paths, i);
-    wave_meets(w, i, Walker::next_hit(scene, path, kInfinity, true));
+    wave_meets(w, i, Walker::next_hit(scene, path, Walker::ray_end(scene, path), true));
 }
 
 // ---- sort: place k of `live` ----
@@ -178,8 +178,10 @@ VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, T
     const uint32_t segment = w.state[i];
     typename Tracer::State path = load_path<Tracer>(w.paths, i);
     typename Tracer::Request shadow{};
-    const LedgerColumn cause = cause_of(Tracer::scatter(
-        scene, job.settings, path, {w.distance[i], w.primitive[i]}, segment, true, shadow));
+    const Events<Scalar> e = Tracer::scatter(
+        scene, job.settings, path, {w.distance[i], w.primitive[i]}, segment, true, shadow);
+    const LedgerColumn cause = cause_of(e);
+    if (e.occluded) record(segment, kShadowOccluded);
     if (shadow.wanted) {
         const uint32_t place = first + atomic_next(&q.shadows);
         w.shadows[place] = i;

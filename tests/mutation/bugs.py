@@ -144,6 +144,7 @@ _HAIR = "bsdfs/hair.h"
 _BURLEYS, _SHEET = "bsdfs/principled_parts.h", "bsdfs/principled_thin.h"
 _FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
+_MEDIA_TABLES = "scene/media.cpp"
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
 _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
 _PROJECTOR, _TREE = "lights/projector.h", "lights/tree.h"
@@ -418,7 +419,7 @@ _MEDIA = (
            "null_medium"),
     Mutant("albedo of a coloured medium left out", _MEDIUM, "density * albedo", "density",
            "chromatic_medium"),
-    Mutant("scattering for extinction", _TABLES, "put(kMediumSigma + k, scaled);",
+    Mutant("scattering for extinction", _MEDIA_TABLES, "put(kMediumSigma + k, scaled);",
            "put(kMediumSigma + k, scaled * static_cast<double>(in.albedo.data[3 * (m - 1) + k]));",
            "null_medium"),
     Mutant("free flight 2 % short", _MEDIUM, "exponential(flight)", "F(.98f) * exponential(flight)",

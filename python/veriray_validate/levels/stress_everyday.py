@@ -12,6 +12,7 @@ from pathlib import Path
 from veriray_validate import everyday_forms
 from veriray_validate.everyday import LOSSY, WAYS, ask, lifted
 from veriray_validate.everyday_bodies import explicit, files, mirrored, unseen
+from veriray_validate.everyday_media import PLACES, walled
 from veriray_validate.everyday_scale import PAIRS
 from veriray_validate.trial import Trial, case
 
@@ -94,3 +95,14 @@ def sheared_bodies(t: Trial, scenes: int) -> None:
     """
     for _ in range(scenes):
         ask(t, explicit(t.rng))
+
+
+@case(8, each={"place": PLACES, "scenes": (2, 40)}, quick=lambda place, scenes: scenes == 2)
+def fog_in_walls_that_no_light_passes_straight(t: Trial, place: str, scenes: int) -> None:
+    """Balls, cubes and meshes of fog in walls of index 1: the picture with walls of nothing.
+
+    Light samples that walls stop are not traced; those to lamps inside, or through a wall that is
+    open, must be. Sees 5 %.
+    """
+    for _ in range(scenes):
+        ask(t, walled(t.rng, place))

@@ -47,6 +47,7 @@ inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatu
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);
 
+constexpr FeatureMask only_if(bool holds, FeatureMask features) { return holds ? features : 0; }
 constexpr FeatureMask materials(uint32_t kinds) { return FeatureMask{kFirstMaterial} * kinds; }
 constexpr uint32_t kinds_of(FeatureMask features) {
     return static_cast<uint32_t>(features / kFirstMaterial);

@@ -275,7 +275,7 @@ void HostScene::set_lights(const SceneInput& in) {
         view.light_row = light_row.data();
     }
     if (delta.empty() && !sky_sampled) set_first_occluder();
-    view.features |= l.count > 1 ? kManyLights : 0u;
+    view.features |= only_if(l.count > 1, kManyLights);
 
     lit.insert(lit.end(), found.begin(), found.end());
     const float brightest = brightest_light(in, lit, delta);

@@ -267,8 +267,8 @@ bool HostScene::set_flat(const SceneInput& in) {
     flats_ = std::move(flats);
     part_touching(in);
     part_backs(in);
-    view.features = (view.quad_count ? kQuads : 0u) | (view.polygon_count ? kPolygons : 0u) |
-                    (view.disk_count ? kDisks : 0u) | (view.sphere_count ? kSpheres : 0u);
+    view.features = only_if(view.quad_count, kQuads) | only_if(view.polygon_count, kPolygons) |
+                    only_if(view.disk_count, kDisks) | only_if(view.sphere_count, kSpheres);
     return true;
 }
 
@@ -344,8 +344,8 @@ void HostScene::set_tree(const SceneInput& in) {
     view.disk_count = static_cast<uint32_t>(in.disks.count);
     view.sphere_count = static_cast<uint32_t>(in.spheres.count);
     view.smooth = smooth.empty() ? nullptr : smooth.data();
-    view.features = kBvh | (smooth.empty() ? 0u : kSmooth) | (view.disk_count ? kDisks : 0u) |
-                    (view.sphere_count ? kSpheres : 0u);
+    view.features = kBvh | only_if(!smooth.empty(), kSmooth) | only_if(view.disk_count, kDisks) |
+                    only_if(view.sphere_count, kSpheres);
 }
 
 // Around a disk or sphere.

@@ -212,10 +212,10 @@ void HostScene::set_surfaces(const SceneInput& in) {
         put(kSurface_relief_scale, static_cast<float>(in.relief_scale.data[m] / unit));
         put(kSurfaceRelief, static_cast<float>(in.relief_texture.data[m]));
         put(kSurfaceReliefTraits,
-            static_cast<float>((in.relief_heights.data[m] ? kReliefHeights : 0u) |
-                               (in.relief_flips.data[m] ? kReliefFlips : 0u) |
-                               (in.relief_shades.data[m] ? kReliefShades : 0u) |
-                               (in.relief_mirrored.data[m] ? kReliefMirrored : 0u)));
+            static_cast<float>(only_if(in.relief_heights.data[m], kReliefHeights) |
+                               only_if(in.relief_flips.data[m], kReliefFlips) |
+                               only_if(in.relief_shades.data[m], kReliefShades) |
+                               only_if(in.relief_mirrored.data[m], kReliefMirrored)));
         for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
             if (!in.emission_muted.data[emission])
                 put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
@@ -230,8 +230,8 @@ void HostScene::set_surfaces(const SceneInput& in) {
         put(kSurfaceOutside, border ? static_cast<float>(border[1] + 1) : -1.f);
         put(kSurfaceOther, bit_cast<float>(others[r]));
 
-        view.features |= materials(1u << kind) | (closure.refracts ? kRefraction : 0u) |
-                         (closure.passes ? kPass : 0u);
+        view.features |= materials(1u << kind) | only_if(closure.refracts, kRefraction) |
+                         only_if(closure.passes, kPass);
         if (in.opacity.data[m] < 1 || in.opacity_texture.data[m] >= 0) view.features |= kPass;
     }
     view.surface_of = view.features & kBvh ? surface_of.data() : nullptr;

@@ -91,7 +91,10 @@ struct PathTracer : PathVertices<L, kFeatures> {
         path.medium = U(scene.camera_medium);
         path.flight = F(kInfinity);
         if constexpr (has(kMedia))
-            if (scene.camera_medium) Vertices::set_out(scene, s, path, 0, path.pixel == path.pixel);
+            if (scene.camera_medium) {
+                const M all = path.pixel == path.pixel;
+                Vertices::set_out(scene, s, path, 0, F(0.f), all, all);
+            }
         path.facing = U(0u);
         return path;
     }
@@ -194,7 +197,11 @@ struct PathTracer : PathVertices<L, kFeatures> {
                 scatter_in_medium(scene, s, path, segment, place, random, next);
         advance(scene, path, place, next);
         end_here(scene, s, path, segment, place, e);
-        if constexpr (has(kMedia)) Vertices::set_out(scene, s, path, segment + 1, e.alive);
+        if constexpr (has(kMedia)) {
+            const F cosine = abs(dot(place.vertex.ng, path.ray.d));
+            const F before = select(place.collided | place.pass, F(0.f), place.at.offset / cosine);
+            Vertices::set_out(scene, s, path, segment + 1, before, place.collided, e.alive);
+        }
         return e;
     }
 

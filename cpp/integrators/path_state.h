@@ -33,7 +33,8 @@ struct PathState {
     U passed;     // kPass: and, of what lies there, the primitives up to this one
     U vertices;   // kPass: scatterings so far
     U medium;     // kMedia: around the ray at `travelled`
-    F flight;     // kMedia: from there to the next collision, if nothing is met before
+    F flight;     // kMedia: from there to the next collision, if nothing is met before; negative
+                  // if the ray begins at a surface
     U facing;     // kManyLights: of the last scattering, for the choice of lights
 };
 

@@ -48,12 +48,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
             const U before = path.medium;
             leave_closed(scene, path, endless);
             const M left = endless & !(path.medium == before);
-            if (any(left)) set_out(scene, s, path, segment, left);
+            if (any(left)) set_out(scene, s, path, segment, F(0.f), left, left);
             inside = inside & !(path.medium == U(0u));
             if (none(inside)) return inside;
         }
         const F limit = min(hit.t, far) - Reader::passed(path).t;
-        flown = path.flight;
+        flown = abs(path.flight);
         S weight = flight_weight(Direct::extinction(scene, path.medium, path.ray.d),
                                  medium_spectrum(scene, path.medium, kMediumAlbedo),
                                  path.throughput, flown, limit, chromatic(scene));
@@ -67,9 +67,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
     }
 
     // ---- set out: the free flight of rays that begin segment `segment`; infinite in the vacuum
-    // and in uneven media, where it is sampled on the way ----
+    // and in uneven media, where it is sampled on the way. before: how far rays have come in the
+    // medium where they begin, beyond the surface's rounding. Who collides there does so at once;
+    // that is off by the square of its optical depth. collided: lanes that begin at a collision,
+    // or in the open; the sign of the others' flights says that they do not ----
     static VR_HD void set_out(const SceneView& scene, const PathSettings& s, PathState<L>& path,
-                              uint32_t segment, M lanes) {
+                              uint32_t segment, F before, M collided, M lanes) {
         path.flight = select(lanes, F(kInfinity), path.flight);
         M inside = lanes & !(path.medium == U(0u));
         if constexpr (has(kUnevenMedia))
@@ -79,24 +82,36 @@ struct PathVertices : DirectLight<L, kFeatures> {
         const Block<U> r =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
         const V d = path.ray.d;
-        const F flight = free_flight(Direct::extinction(scene, path.medium, d), path.throughput,
-                                     uniform(r.y), r.x, chromatic(scene));
-        path.flight = select(inside, flight, path.flight);
+        const S sigma = Direct::extinction(scene, path.medium, d);
+        const F flight = free_flight(sigma, path.throughput, uniform(r.y), r.x, chromatic(scene));
+        const F come = min(before, flight);
+        if (chromatic(scene)) {  // at less than that, the weights round to 1
+            const M dense = inside & (come * max_channel(sigma) > F(0x1p-25f));
+            if (any(dense)) {
+                const S arrived =
+                    flight_weight(sigma, white(), path.throughput, F(kInfinity), come, true);
+                path.throughput = select(dense, path.throughput * arrived, path.throughput);
+            }
+        }
+        const F left = flight - come;
+        path.flight = select(inside, select(collided, left, -left), path.flight);
     }
     static VR_HD bool chromatic(const SceneView& scene) {
         return has(kChromatic) && (scene.features & kChromatic) != 0;
     }
 
-    // How far along its ray a path looks for its next hit in a tree: somewhat beyond the next
-    // collision, so that a surface is found across which rounding might take the collision's point
-    // (by less than 2^-21 of its numbers; one farther away would have to enclose less than 2^-11
-    // with the ray).
+    // How far along its ray a path looks for its next hit in a tree: from a collision on somewhat
+    // beyond the next one, so that a surface is found across which rounding might take that (by
+    // less than 2^-21 of its numbers; one farther away would have to enclose less than 2^-11 with
+    // the ray). Rays that begin at a surface look on: those that meet nothing have slipped out of
+    // their medium (leave_closed).
     static VR_HD F ray_end(const SceneView& scene, const PathState<L>& path) {
         if constexpr (has(kMedia) && has(kBvh))
             if (scene.features & kBvh) {
                 const F t = Reader::passed(path).t + path.flight;
                 const V& o = path.ray.o;
-                return fma(abs(o.x) + abs(o.y) + abs(o.z) + t, F(0x1p-10f), t);
+                const F end = fma(abs(o.x) + abs(o.y) + abs(o.z) + t, F(0x1p-10f), t);
+                return select(path.flight > F(0.f), end, F(kInfinity));
             }
         return F(kInfinity);
     }
@@ -185,7 +200,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if constexpr (has(kClip))
             if (has(kPass) || segment == 0) {
                 valid = valid & (hit.t <= far);
-                hit.t = select(active & !(hit.t <= far), F(kInfinity), hit.t);
             }
         if constexpr (has(kMedia)) {
             const Hit<L> end = hit;

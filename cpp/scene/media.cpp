@@ -10,12 +10,13 @@ namespace {
 // The walls of a medium. edges: sum of hashes over the edges of triangles, oriented around the
 // medium's outer side; 0 if the walls are closed, and by chance with a probability of 2^-64.
 // volume: enclosed; negative if the medium is outside. other: the one medium beyond, 0 if there are
-// several. clear: a wall lets light straight through.
+// several. outside: it is beyond walls, of others or of its own. clear: a wall lets light straight
+// through.
 struct Enclosure {
     uint64_t edges = 0;
     double volume = 0;
     uint32_t other = ~0u;
-    bool disks = false, clear = false;
+    bool disks = false, outside = false, clear = false;
     Box box{{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
     bool closed() const { return edges == 0 && volume > 0 && !disks; }
@@ -66,6 +67,7 @@ std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
     // volume: behind the front, times 6
     const auto bound = [&](ShapeGroup group, size_t i, uint64_t edges, double volume) {
         const int32_t* border = in.boundaries.data + 2 * in.boundary(group).data[i];
+        media[static_cast<size_t>(border[1] + 1)].outside = true;
         if (border[0] == border[1]) return;
         const size_t first = group == kTriangleGroup ? 0
                              : group == kSphereGroup ? in.triangles.count
@@ -105,7 +107,7 @@ std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
     for (uint32_t m = 1; m < walls.size(); ++m) {
         const uint32_t other = media[m].other;
         walls[m].beyond = !media[m].closed() ? m : media[other].closed() ? 0 : other;
-        if (media[m].closed() && !media[m].clear) shut.push_back(m);
+        if (media[m].closed() && !media[m].outside && !media[m].clear) shut.push_back(m);
     }
     drop_lit(in, media, shut);
     for (const uint32_t m : shut) walls[m].shut = true;

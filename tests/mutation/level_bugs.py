@@ -266,10 +266,20 @@ _MEDIA = (
     Mutant("lamps in fog left out where its walls stop light", _MEDIA_TABLES,
            "drop_lit(in, media, shut);", ";"),
     Mutant("walls that let light through taken for such as do not", _MEDIA_TABLES,
-           "media[m].closed() && !media[m].clear", "media[m].closed()"),
+           "media[m].closed() && !media[m].outside && !media[m].clear",
+           "media[m].closed() && !media[m].outside"),
+    Mutant("fog beyond walls of others taken for fog behind its own", _MEDIA_TABLES,
+           "media[m].closed() && !media[m].outside && !media[m].clear",
+           "media[m].closed() && !media[m].clear"),
     Mutant("paths look for surfaces on half of their flight", _VERTEX,
            "Reader::passed(path).t + path.flight;",
            "Reader::passed(path).t + F(0.5f) * path.flight;"),
+    Mutant("paths that slip out of fog at its edges stay in it", _VERTEX,
+           "select(collided, left, -left)", "left"),
+    Mutant("fog that rays leave surfaces across is skipped", _VERTEX, "min(before, flight)",
+           "F(0.f)"),
+    Mutant("fog before a far plane is left out", _VERTEX,
+           "inside & !(hit.t < F(kInfinity))", "inside & !(hit.t < min(F(kInfinity), far))"),
 )  # fmt: skip
 
 _GEOMETRY = (

@@ -244,6 +244,13 @@ def test_the_declaration_of_an_xml_file_is_not_read(tmp_path: Path, version: str
     assert len(vr.load_file(path).triangles) == 12
 
 
+def test_a_later_version_is_read_and_said(tmp_path: Path) -> None:
+    path = write(tmp_path / "scene.xml", VIEW, SKY, '<shape type="cube"/>')
+    path.write_text(path.read_text("utf-8").replace("3.0.0", "4.0.0"), "utf-8")
+    (note,) = vr.load_file(path).notes
+    assert note.endswith('version "4.0.0" is read as 3.x.x')
+
+
 def test_the_sign_of_a_metals_index_does_not_count(tmp_path: Path) -> None:
     metal = '<shape type="cube"><bsdf type="conductor">{}{}</bsdf></shape>'
     plain, signed = (

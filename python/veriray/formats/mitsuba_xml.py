@@ -53,7 +53,7 @@ MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
 _PARAMETER = re.compile(r"\\\$|\$(?:\{([^\s${}]+)\}|([^\s$]*))")
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_VERSION = re.compile(r"\s*0*([0-3])(?:\.[0-9]{1,9}){0,2}(?:[^0-9.].{0,32})?")
+_VERSION = re.compile(r"\s*0*([0-9])(?:\.[0-9]{1,9}){0,2}(?:[^0-9.].{0,32})?")
 _MARKS = (
     (b"\xef\xbb\xbf", "utf-8"),
     (b"\xff\xfe\0\0", "utf-32-le"),
@@ -209,7 +209,9 @@ class _Reader:
             raise SceneError('<scene> has no version; write version="3.0.0"', where)
         match = _VERSION.fullmatch(version)
         if not match:
-            raise SceneError(f"version = {shorten(version)}, expected 0.x.x to 3.x.x", where)
+            raise SceneError(f"version = {shorten(version)}, expected 0.x.x to 9.x.x", where)
+        if match[1] > "3":
+            self.report.note(f"version {shorten(version)} is read as 3.x.x", where)
         self.old = match[1] in "01"
         if self.old:
             upgrade.upgrade(root, where.rpartition(":")[0], self.upgraded)

@@ -46,14 +46,14 @@ __device__ bool in_tree(const SceneView& scene) {
 }
 template <class Tracer>
 using WithoutTree = typename Tracer::template With<Tracer::kMask & ~kBvh>;
-// Sets a ray out again, up to end(), that has met the sheet which it has just passed.
-template <class Tracer, class End>
-__device__ bool again(const SceneView& scene, WalkTask& task, End end) {
+// Sets a ray out again that has met the sheet which it has just passed.
+template <class Tracer>
+__device__ bool again(const SceneView& scene, WalkTask& task, float t_max) {
     if constexpr (Tracer::has(kPass))
         if ((scene.features & kGoOn) &&
             Tracer::same_sheet(scene, task.ray, task.look.last, task.hit, true)) {
             task.look.last.primitive = task.hit.primitive;
-            task.hit = {end(), ~0u};
+            task.hit = {t_max, ~0u};
             return true;
         }
     return false;
@@ -103,17 +103,12 @@ template <class Tracer, bool kExact = false>
 __device__ __forceinline__ void block_traces(const SceneView& scene, const Wave& w) {
     if (in_tree<Tracer, kExact>(scene)) {
         const auto size = [&](uint32_t tile) { return w.queues[tile].live; };
-        const auto ahead = [&](uint32_t k) {
-            return load_path<Tracer, kAhead>(w.paths, w.live[k]);
-        };
         const auto start = [&](uint32_t k, WalkTask& task) {
-            const auto path = ahead(k);
-            task = {
-                path.ray, {false, ~0u, Tracer::passed(path)}, {Tracer::ray_end(scene, path), ~0u}};
+            const auto path = load_path<Tracer, kAhead>(w.paths, w.live[k]);
+            task = {path.ray, {false, ~0u, Tracer::passed(path)}, {kInfinity, ~0u}};
         };
         const auto arrive = [&](uint32_t k, WalkTask& task) {
-            const auto end = [&] { return Tracer::ray_end(scene, ahead(k)); };
-            if (again<Tracer>(scene, task, end)) return true;
+            if (again<Tracer>(scene, task, kInfinity)) return true;
             wave_meets(w, w.live[k], task.hit);
             return false;
         };
@@ -196,7 +191,7 @@ __device__ __forceinline__ void block_shadows(const SceneView& scene, const Job&
         const auto arrive = [&](uint32_t k, WalkTask& task) {
             bool free, goes_on = through;
             if (through) {
-                if (again<Tracer>(scene, task, [&] { return shadow.t_max; })) return true;
+                if (again<Tracer>(scene, task, shadow.t_max)) return true;
                 free = Tracer::shadow_hit(scene, shadow, task.hit, goes_on);
                 if (goes_on) {
                     task.look.last = Tracer::passed(shadow);

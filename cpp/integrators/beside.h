@@ -71,9 +71,9 @@ struct Beside : SurfaceReader<L, kFeatures> {
                 p = on_this_side(scene, ray, path.travelled, path.passed, true, p, begun);
             }
         }
-        const M ahead = collided & (end.t < F(kInfinity)) & Reader::met(end);
-        if (none(ahead)) return p;
-        return on_this_side(scene, ray, end.t, end.primitive, false, p, ahead);
+        const M met = collided & (end.t < F(kInfinity));
+        if (none(met)) return p;
+        return on_this_side(scene, ray, end.t, end.primitive, false, p, met);
     }
 };
 

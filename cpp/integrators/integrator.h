@@ -20,9 +20,8 @@ concept Integrator =
         { T::kNegativeSamples } -> std::convertible_to<bool>;
         { T::begin(scene, s, word, word, 0u, word) } -> std::same_as<typename T::State>;
         { T::no_request(active) } -> std::same_as<typename T::Request>;
-        // The closest surface ahead, and how far to look for it.
-        { T::next_hit(scene, path, at, active) } -> std::same_as<Hit<typename T::Lane>>;
-        { T::ray_end(scene, path) } -> std::same_as<typename T::F>;
+        // The closest surface ahead.
+        { T::next_hit(scene, path, kInfinity, active) } -> std::same_as<Hit<typename T::Lane>>;
         // From there to the next ray; a shadow ray may be requested, or is known to be occluded.
         {
             T::scatter(scene, s, path, hit, 0u, active, request)
@@ -42,7 +41,7 @@ VR_HD Events<typename T::Lane> bounce(const SceneView& scene, const PathSettings
                                       typename T::State& path, uint32_t segment,
                                       typename T::M active) {
     typename T::Request shadow = T::no_request(active);
-    const auto hit = T::next_hit(scene, path, T::ray_end(scene, path), active);
+    const auto hit = T::next_hit(scene, path, typename T::F(kInfinity), active);
     auto e = T::scatter(scene, s, path, hit, segment, active, shadow);
     if (any(shadow.wanted)) {
         e.visible = T::unblocked(scene, shadow);

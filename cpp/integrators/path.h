@@ -24,7 +24,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
-    using Vertices::arrive, Vertices::ray_end, Vertices::reach, Vertices::scatter_at_surface,
+    using Vertices::arrive, Vertices::reach, Vertices::scatter_at_surface,
         Vertices::scatter_in_medium, Vertices::surface_vertex;
     using Lane = L;
     static constexpr FeatureMask kMask = kFeatures;
@@ -91,10 +91,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
         path.medium = U(scene.camera_medium);
         path.flight = F(kInfinity);
         if constexpr (has(kMedia))
-            if (scene.camera_medium) {
-                const M all = path.pixel == path.pixel;
-                Vertices::set_out(scene, s, path, 0, F(0.f), all, all);
-            }
+            if (scene.camera_medium)
+                Vertices::set_out(scene, s, path, 0, F(0.f), path.pixel == path.pixel);
         path.facing = U(0u);
         return path;
     }
@@ -200,7 +198,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
         if constexpr (has(kMedia)) {
             const F cosine = abs(dot(place.vertex.ng, path.ray.d));
             const F before = select(place.collided | place.pass, F(0.f), place.at.offset / cosine);
-            Vertices::set_out(scene, s, path, segment + 1, before, place.collided, e.alive);
+            Vertices::set_out(scene, s, path, segment + 1, before, e.alive);
         }
         return e;
     }

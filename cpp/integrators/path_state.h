@@ -33,8 +33,7 @@ struct PathState {
     U passed;     // kPass: and, of what lies there, the primitives up to this one
     U vertices;   // kPass: scatterings so far
     U medium;     // kMedia: around the ray at `travelled`
-    F flight;     // kMedia: from there to the next collision, if nothing is met before; negative
-                  // if the ray begins at a surface
+    F flight;     // kMedia: from there to the next collision, if nothing is met before
     U facing;     // kManyLights: of the last scattering, for the choice of lights
 };
 
@@ -71,7 +70,7 @@ enum FieldUse : uint32_t {
     FIELD(u, passed, kPass, kAhead)        \
     FIELD(u, vertices, kPass, kCarried)    \
     FIELD(u, medium, kMedia, kCarried)     \
-    FIELD(f, flight, kMedia, kAhead)       \
+    FIELD(f, flight, kMedia, kCarried)     \
     FIELD(u, facing, kManyLights, kCarried)
 
 constexpr bool needs_field(FeatureMask features, FeatureMask need) {

@@ -27,9 +27,6 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
         return has(features) && (kOneLane || (scene.features & features) != 0);
     }
 
-    // Whether there is a surface; where there is none, t is how far was looked.
-    static VR_HD M met(const Hit<L>& hit) { return !(hit.primitive == U(~0u)); }
-
     // How far the ray of a path or shadow request has come.
     template <class Carrier>
     static VR_HD Hit<L> passed(const Carrier& c) {
@@ -132,10 +129,10 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
 
     // What hits are sorted by: 0 for none, else 1 + the material's kind.
     static VR_HD U kind_of(const SceneView& scene, const Hit<L>& hit) {
-        const M some = met(hit);
-        if (none(some)) return U(0u);
-        if constexpr (Material::kOneKind) return select(some, U(1u), U(0u));
-        const U row = surface_row(scene, select(some, hit.primitive, U(0u)));
+        const M met = hit.t < F(kInfinity);
+        if (none(met)) return U(0u);
+        if constexpr (Material::kOneKind) return select(met, U(1u), U(0u));
+        const U row = surface_row(scene, select(met, hit.primitive, U(0u)));
         return select(met, U(1u) + to_uint(surface_column(scene, row, kSurfaceKind)), U(0u));
     }
 

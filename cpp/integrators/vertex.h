@@ -48,12 +48,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
             const U before = path.medium;
             leave_closed(scene, path, endless);
             const M left = endless & !(path.medium == before);
-            if (any(left)) set_out(scene, s, path, segment, F(0.f), left, left);
+            if (any(left)) set_out(scene, s, path, segment, F(0.f), left);
             inside = inside & !(path.medium == U(0u));
             if (none(inside)) return inside;
         }
         const F limit = min(hit.t, far) - Reader::passed(path).t;
-        flown = abs(path.flight);
+        flown = path.flight;
         S weight = flight_weight(Direct::extinction(scene, path.medium, path.ray.d),
                                  medium_spectrum(scene, path.medium, kMediumAlbedo),
                                  path.throughput, flown, limit, chromatic(scene));
@@ -69,10 +69,9 @@ struct PathVertices : DirectLight<L, kFeatures> {
     // ---- set out: the free flight of rays that begin segment `segment`; infinite in the vacuum
     // and in uneven media, where it is sampled on the way. before: how far rays have come in the
     // medium where they begin, beyond the surface's rounding. Who collides there does so at once;
-    // that is off by the square of its optical depth. collided: lanes that begin at a collision,
-    // or in the open; the sign of the others' flights says that they do not ----
+    // that is off by the square of its optical depth ----
     static VR_HD void set_out(const SceneView& scene, const PathSettings& s, PathState<L>& path,
-                              uint32_t segment, F before, M collided, M lanes) {
+                              uint32_t segment, F before, M lanes) {
         path.flight = select(lanes, F(kInfinity), path.flight);
         M inside = lanes & !(path.medium == U(0u));
         if constexpr (has(kUnevenMedia))
@@ -93,27 +92,10 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 path.throughput = select(dense, path.throughput * arrived, path.throughput);
             }
         }
-        const F left = flight - come;
-        path.flight = select(inside, select(collided, left, -left), path.flight);
+        path.flight = select(inside, flight - come, path.flight);
     }
     static VR_HD bool chromatic(const SceneView& scene) {
         return has(kChromatic) && (scene.features & kChromatic) != 0;
-    }
-
-    // How far along its ray a path looks for its next hit in a tree: from a collision on somewhat
-    // beyond the next one, so that a surface is found across which rounding might take that (by
-    // less than 2^-21 of its numbers; one farther away would have to enclose less than 2^-11 with
-    // the ray). Rays that begin at a surface look on: those that meet nothing have slipped out of
-    // their medium (leave_closed).
-    static VR_HD F ray_end(const SceneView& scene, const PathState<L>& path) {
-        if constexpr (has(kMedia) && has(kBvh))
-            if (scene.features & kBvh) {
-                const F t = Reader::passed(path).t + path.flight;
-                const V& o = path.ray.o;
-                const F end = fma(abs(o.x) + abs(o.y) + abs(o.z) + t, F(0x1p-10f), t);
-                return select(path.flight > F(0.f), end, F(kInfinity));
-            }
-        return F(kInfinity);
     }
 
     // The albedo at collisions in media where a grid gives it.
@@ -194,7 +176,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
                           uint32_t segment, M active, Place& place, Events<L>& e) {
         Hit<L>& hit = place.hit;
         if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
-        M valid = active & Reader::met(hit);
+        M valid = active & (hit.t < F(kInfinity));
         place.collided = no_lanes(active);
         V collision = path.ray.o;
         if constexpr (has(kClip))

@@ -83,7 +83,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
                 const Hit<Scalar> last{light ? shadow.travelled : path.travelled, passed};
                 if (Tracer::same_sheet(scene, light ? shadow.ray : path.ray, last, hit, true)) {
                     passed = hit.primitive;
-                    hit = {light ? shadow.t_max : Tracer::ray_end(scene, path), ~0u};
+                    hit = {light ? shadow.t_max : kInfinity, ~0u};
                     place.begin();
                     arrived = false;
                 }
@@ -124,7 +124,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
             if (ended && !idle) path = lane.template begin<Tracer>(scene, job);
         }
         if (to_light) aim = Aim::kLight;
-        if (arrived) hit = {aim == Aim::kLight ? shadow.t_max : Tracer::ray_end(scene, path), ~0u};
+        if (arrived) hit = {aim == Aim::kLight ? shadow.t_max : kInfinity, ~0u};
         if (arrived && !idle) place.begin();
         rejoin_warp();
         // All walk.
@@ -141,7 +141,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
                     Tracer::visible(path, shadow, free);
                     ++depth;
                     aim = Aim::kNext;
-                    hit = {Tracer::ray_end(scene, path), ~0u};
+                    hit = {kInfinity, ~0u};
                     set_out();
                     place.begin();
                 }

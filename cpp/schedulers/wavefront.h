@@ -139,7 +139,7 @@ template <class Tracer, class Walker = Tracer>
 VR_HD void wave_trace(const SceneView& scene, const Wave& w, uint32_t first, uint32_t k) {
     const uint32_t i = w.live[first + k];
     const typename Tracer::State path = load_path<Tracer, kAhead>(w.paths, i);
-    wave_meets(w, i, Walker::next_hit(scene, path, Walker::ray_end(scene, path), true));
+    wave_meets(w, i, Walker::next_hit(scene, path, kInfinity, true));
 }
 
 // ---- sort: place k of `live` ----

@@ -19,7 +19,7 @@ from veriray_bench.scenarios import scene_file
 from veriray_validate.scenes import Part, camera, make, quad
 
 #: Bytes that a path stores for a feature, in addition to those of every path.
-NEEDS = {"refraction": 4, "pass": 12, "media": 4, "many_lights": 4}
+NEEDS = {"refraction": 4, "pass": 12, "media": 8, "many_lights": 4}
 SCENES = [*SHIPPED, *sorted((find_shipped("open").parent / "checks").glob("*.xml"))]
 
 

@@ -20,8 +20,8 @@ WAVE_PATHS = 1 << 24
 #: Paths of one launch from which on `wavefront` is faster in the compiled variants that hold these.
 RICH_PATHS, RICH = 1 << 19, {"blend", "tangents"}
 #: The weights of the terms of `wave_gain`, in their order.
-_FLAT = (-1.0, 0.5, 0.16, 0.2, 0.45, 0.43, -0.1)
-_IN_A_TREE = (-0.05, 0.27, 0.1, 0.15, 0.26, 0.22, -0.13)
+_FLAT = (-1.0, 0.5, 0.16, 0.2, 0.45, 0.43, -0.1, 0.0)
+_IN_A_TREE = (-0.05, 0.27, 0.1, 0.15, 0.26, 0.22, -0.13, -0.2)
 #: Features whose code makes one kernel for everything slow.
 SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
     name for name in MATERIAL_KINDS if name.startswith("rough")
@@ -77,8 +77,9 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
     Both with kernels made for the scene. facts: those of `scene_facts`; paths: of one launch.
     Without a tree a fit to 59 scenes of 2^24 paths, 23 of them with 2^22 and 2^20 too (H200), with
     a root of the mean squared error of 0.22. In a tree one to 17 scenes of 2^24, 2^21 and 2^18
-    (H200), of 0.09. In one kernel, lanes wait for those at other materials, at more lamps or at
-    other texels of the sky, and for walks through trees; a wave pays with traffic and launches.
+    (H200), of 0.09; the weight of media is from three meshes of glass around some. In one kernel,
+    lanes wait for those at other materials, at more lamps or at other texels of the sky, and for
+    walks through trees; a wave pays with traffic and launches.
     """
     features, primitives = {*facts["features"]}, dict(facts["primitives"])
     primitives.pop("dropped", None)
@@ -90,6 +91,7 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
         bool({"image_sky", "guided_sky"} & features),
         bool(SLOW_IN_ONE_KERNEL & features),
         max(0.0, math.log2(WAVE_PATHS / max(1, paths))),
+        "media" in features,
     )
     return float(sum(map(operator.mul, _IN_A_TREE if facts["tree"] else _FLAT, terms)))
 

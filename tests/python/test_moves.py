@@ -173,6 +173,28 @@ def test_a_lamp_put_out_and_media_that_become_grey_show_what_fresh_scenes_show()
         assert film(other) == film(fresh)
 
 
+def test_a_lamp_moved_into_fog_behind_glass_lights_it() -> None:
+    """Walls that stop all light samples do not stop those to a lamp within; nor do clear walls."""
+    glass = material("dielectric", eta=1.0)
+    mesh = trimesh.creation.icosphere(4)
+    fog = Part(mesh.vertices, mesh.faces, material=glass, interior=Medium(2.0, 0.9))
+    far, near = [0.0, 5, 0], [0.1, 0, 0]
+    scene = make([fog], Camera.look_at([0, 0, 5], [0, 0, 0], fov=15), lights=[point_light(far)])
+    lit = []
+    for changed in (
+        scene,
+        scene._with_arrays(light_position=np.array([near])),
+        scene._with_arrays(light_position=np.array([near]))._with_arrays(
+            light_position=np.array([far])
+        ),
+        scene._with_arrays(opacity=np.array([0.5])),
+    ):
+        r = vr.render(changed, device="cpu", threads=1, max_depth=5, **SIZE)
+        assert r.film_sha256 == film(anew(changed))
+        lit.append(sum(r.stats["ledger"]["shadow_visible"]))
+    assert lit[0] == lit[2] == 0 and lit[1] > 0 and lit[3] > 0
+
+
 def test_rounding_near_the_camera_is_small_beside_a_pixel() -> None:
     """2^8 roundings of a vertex, 2^-24 of its distance from the origin, do not exceed that of its
     distance from the camera and half a pixel there; see cpp/scene/frame.cpp."""

@@ -26,7 +26,7 @@ from veriray_validate.scenes import (
 #: Where lamps and other things are, beside a lamp far above.
 PLACES = (
     "alone", "lamp inside", "point light inside", "lamp close outside", "window", "shining wall",
-    "bubble", "lamp in a bubble", "bubble through the wall",
+    "bubble", "lamp in a bubble",
 )  # fmt: skip
 
 
@@ -63,11 +63,8 @@ def walled(rng: np.random.Generator, place: str) -> Question:
         fixed.append(sphere([0.1, 0, 0], 0.2, 0, 2))
     if place == "lamp close outside":
         fixed.append(sphere([0.85, -0.85, 0.85], 0.25, 0, 2))
-    bubble = sphere([0.1, 0, 0], 0.4, material=NULL, exterior=fog)
-    if place == "bubble through the wall":  # of the wall's material; fog gets out by it
-        bubble = sphere([0.9, 0, 0], 0.4, exterior=fog)
     if "bubble" in place:
-        fixed.append(bubble)
+        fixed.append(sphere([0.1, 0, 0], 0.4, material=NULL, exterior=fog))
     if opens:  # half of the faces, in the order of the file
         cut = len(part.faces) // 4 * 2
         shines = {"emission": 1.0} if place == "shining wall" else {"material": NULL}
@@ -80,8 +77,6 @@ def walled(rng: np.random.Generator, place: str) -> Question:
 
     def seen(walls: dict[str, Any]) -> Any:
         part.material = walls
-        if place == "bubble through the wall":
-            bubble.material = walls
         return make([*fixed, part], view, 0.2, **size)
 
     drawn = f"{place}, {form}, {fog.sigma_t[0]:.3g}, {fog.albedo[0]:.3g}, {fog.g:.2f}"

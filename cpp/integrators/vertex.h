@@ -180,9 +180,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.collided = no_lanes(active);
         V collision = path.ray.o;
         if constexpr (has(kClip))
-            if (has(kPass) || segment == 0) {
-                valid = valid & (hit.t <= far);
-            }
+            if (has(kPass) || segment == 0) valid = valid & (hit.t <= far);
         if constexpr (has(kMedia)) {
             const Hit<L> end = hit;
             F flown(0.f);

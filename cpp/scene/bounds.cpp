@@ -80,6 +80,9 @@ double least_depth(const SceneInput& in, Primitive i, Double3 from, Double3 axis
 }  // namespace
 
 Box box_around(const SceneInput& in, size_t i) { return box_of(in, primitive(in, i)); }
+Box box_around(const SceneInput& in, ShapeGroup group, size_t row) {
+    return box_of(in, {group, row});
+}
 
 SceneBounds::SceneBounds(const SceneInput& in)
     : count_(in.triangles.count + in.spheres.count + in.disks.count),

@@ -11,6 +11,7 @@ namespace veriray {
 
 // Around a primitive, in world coordinates.
 Box box_around(const SceneInput& in, size_t primitive);
+Box box_around(const SceneInput& in, ShapeGroup group, size_t row);
 
 class SceneBounds {
    public:

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "scene/bounds.h"
+#include "scene/box_pairs.h"
 #include "scene/edge_hash.h"
 
 namespace veriray {
@@ -22,31 +23,20 @@ struct Enclosure {
     bool closed() const { return edges == 0 && volume > 0 && !disks; }
 };
 
-// Whether a lamp may be in a box: none that is apart from it by more than rounding.
-bool holds(const Box& box, const Box& lamp) {
-    for (int k = 0; k < 3; ++k) {
-        const double more = 0x1p-20 * std::max(std::abs(box.low[k]), std::abs(box.high[k]));
-        if (lamp.high[k] < box.low[k] - more || box.high[k] + more < lamp.low[k]) return false;
-    }
-    return true;
-}
-
-// Takes from the media those with a lamp inside their boxes, or where one might be.
+// Takes from the media those with a lamp in their boxes, or where one might be.
 void drop_lit(const SceneInput& in, const std::vector<Enclosure>& all,
               std::vector<uint32_t>& media) {
     const auto drop = [&](const Box& lamp) {
-        std::erase_if(media, [&](uint32_t m) { return holds(all[m].box, lamp); });
+        std::erase_if(media, [&](uint32_t m) { return meet(all[m].box, lamp); });
     };
     for (size_t q = 0; q < in.light_kind.count && !media.empty(); ++q) {
         const Double3 p = row3(in.light_position, q);
         if (in.light_has_place(q)) drop({p, p});
     }
-    size_t first = 0;
     for (const ShapeGroup group : {kTriangleGroup, kSphereGroup, kDiskGroup}) {
         const auto& emission = in.emission(group);
         for (size_t i = 0; i < emission.count && !media.empty(); ++i)
-            if (emission.data[i] >= 0) drop(box_around(in, first + i));
-        first += emission.count;
+            if (emission.data[i] >= 0) drop(box_around(in, group, i));
     }
 }
 
@@ -60,8 +50,7 @@ std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
     std::vector<Enclosure> media(in.sigma_t.count + 1);
     const auto clear = [&](uint32_t material) {
         return in.either(material, [&](uint32_t m) {
-            return closure_traits(in.material_kind.data[m]).passes || in.opacity.data[m] < 1 ||
-                   in.opacity_texture.data[m] >= 0;
+            return closure_traits(in.material_kind.data[m]).passes || covers_partly(in, m);
         });
     };
     // volume: behind the front, times 6
@@ -69,10 +58,7 @@ std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
         const int32_t* border = in.boundaries.data + 2 * in.boundary(group).data[i];
         media[static_cast<size_t>(border[1] + 1)].outside = true;
         if (border[0] == border[1]) return;
-        const size_t first = group == kTriangleGroup ? 0
-                             : group == kSphereGroup ? in.triangles.count
-                                                     : in.triangles.count + in.spheres.count;
-        const Box box = veriray::box_around(in, first + i);
+        const Box box = veriray::box_around(in, group, i);
         const bool passes = clear(in.material(group).data[i]);
         for (const int k : {0, 1}) {
             Enclosure& m = media[static_cast<size_t>(border[k] + 1)];
@@ -108,6 +94,16 @@ std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
         const uint32_t other = media[m].other;
         walls[m].beyond = !media[m].closed() ? m : media[other].closed() ? 0 : other;
         if (media[m].closed() && !media[m].outside && !media[m].clear) shut.push_back(m);
+    }
+    // Larger by more than the rounding of coordinates in the frame.
+    for (const uint32_t m : shut) {
+        Box& box = media[m].box;
+        const Double3 low = box.low - centre, high = box.high - centre;
+        const auto more = [&](int k) {
+            return 0x1p-20 * std::max(std::abs(low[k]), std::abs(high[k]));
+        };
+        const Double3 rim{more(0), more(1), more(2)};
+        box = {box.low - rim, box.high + rim};
     }
     drop_lit(in, media, shut);
     for (const uint32_t m : shut) walls[m].shut = true;

@@ -365,6 +365,8 @@ class HostScene : public Frame {
 // passed; null: none.
 void check_input(const SceneInput& in, const SceneInput* known);
 // Whether a material lets light through, or its blend does.
+// Whether light goes past a material, as through a mask; not looked at: what a blend adds to it.
+bool covers_partly(const SceneInput& in, uint32_t material);
 bool clear_material(const SceneInput& in, uint32_t material);
 std::string number(double x);
 bool has_tangents(const SceneInput& in, uint32_t material);

@@ -231,8 +231,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
         put(kSurfaceOther, bit_cast<float>(others[r]));
 
         view.features |= materials(1u << kind) | only_if(closure.refracts, kRefraction) |
-                         only_if(closure.passes, kPass);
-        if (in.opacity.data[m] < 1 || in.opacity_texture.data[m] >= 0) view.features |= kPass;
+                         only_if(closure.passes || covers_partly(in, m), kPass);
     }
     view.surface_of = view.features & kBvh ? surface_of.data() : nullptr;
     view.surfaces = surfaces.data();

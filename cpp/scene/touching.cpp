@@ -160,10 +160,12 @@ Box ball_box(const SceneInput& in, size_t k, Double3 centre, double unit) {
 
 }  // namespace
 
+bool covers_partly(const SceneInput& in, uint32_t material) {
+    return in.opacity.data[material] < 1 || in.opacity_texture.data[material] >= 0;
+}
 bool clear_material(const SceneInput& in, uint32_t material) {
     return in.either(material, [&](uint32_t m) {
-        return closure_traits(in.material_kind.data[m]).lets_through() || in.opacity.data[m] < 1 ||
-               in.opacity_texture.data[m] >= 0;
+        return closure_traits(in.material_kind.data[m]).lets_through() || covers_partly(in, m);
     });
 }
 

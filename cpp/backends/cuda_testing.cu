@@ -191,8 +191,8 @@ __global__ void width_kernel(BvhView bvh, const float* rays, uint64_t n, float* 
     if (i >= n) return;
     const float* r = rays + 6 * i;
     Hit<Scalar> hit{kInfinity, ~0u};
-    closest_in_width<N, kTreeTriangles | kTreeSpheres | kTreeDisks>(
-        bvh, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, nothing_met<Scalar>(), hit);
+    closest_in_width<N, kTreeAll>(bvh, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}},
+                                  nothing_met<Scalar>(), hit);
     t[i] = hit.t;
     primitive[i] = hit.primitive;
 }

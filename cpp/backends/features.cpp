@@ -12,8 +12,6 @@
 namespace veriray {
 namespace {
 
-[[noreturn]] void fail(const std::string& text) { throw std::invalid_argument(text); }
-
 // The planes of the film that are wanted; returns a job without samples.
 FeatureJob job_of(Film& film) {
     FeatureJob job{};

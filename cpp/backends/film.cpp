@@ -8,8 +8,6 @@
 namespace veriray {
 namespace {
 
-[[noreturn]] void fail(const std::string& text) { throw std::invalid_argument(text); }
-
 std::string in_words(const PlaneInfo& p) {
     return "'" + p.name + "' (" + kPlaneKinds[static_cast<uint32_t>(p.kind)] + ", " +
            std::to_string(p.channels) + " channels, " + (p.negative ? "" : "not ") + "negative)";

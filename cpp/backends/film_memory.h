@@ -2,12 +2,16 @@
 #pragma once
 
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "api/renderer.h"
 
 namespace veriray {
+
+// Of arguments that a film, a render or feature images do not take.
+[[noreturn]] inline void fail(const std::string& text) { throw std::invalid_argument(text); }
 
 // Sum of all standard errors, in 2^-kSumScale of the film's scale; how many are not finite.
 struct ErrorSum {

@@ -13,7 +13,6 @@ namespace veriray {
 namespace {
 
 void check_settings(const RenderSettings& s, const HostScene& scene, const Film& film) {
-    const auto fail = [](const std::string& text) { throw std::invalid_argument(text); };
     if (s.sample_end < s.sample_begin)
         fail("sample_end = " + std::to_string(s.sample_end) +
              " lies before sample_begin = " + std::to_string(s.sample_begin));

@@ -23,7 +23,12 @@ inline constexpr uint32_t kMaxLeaf = 16;     // records
 inline constexpr uint32_t kDeviceWidth = 4;  // children of a node
 
 // Kinds of primitives that a tree may hold: code for other kinds is not compiled.
-enum TreeKinds : uint32_t { kTreeTriangles = 1, kTreeSpheres = 2, kTreeDisks = 4 };
+enum TreeKinds : uint32_t {
+    kTreeTriangles = 1,
+    kTreeSpheres = 2,
+    kTreeDisks = 4,
+    kTreeAll = kTreeTriangles | kTreeSpheres | kTreeDisks
+};
 
 template <uint32_t N>
 struct alignas(64) WideNode {

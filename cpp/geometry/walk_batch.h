@@ -170,7 +170,7 @@ VR_HD void walk_one(const BvhView& bvh, Walker<L>& r) {
 
 // Rays `active`, one after another.
 template <uint32_t kKinds, bool kAny, class L>
-static VR_CALLED void walk_in_order(const BvhView& bvh, Walkers<L>& w, uint32_t active) {
+VR_CALLED void walk_in_order(const BvhView& bvh, Walkers<L>& w, uint32_t active) {
     for (; active; active &= active - 1) {
         Walker<L> r(w, static_cast<uint32_t>(__builtin_ctz(active)));
         walk_one<kKinds, kAny>(bvh, r);

@@ -146,7 +146,7 @@ struct Packet {
 
 // The closest hits of a packet.
 template <uint32_t kKinds, class L>
-static VR_CALLED void walk_together(const BvhView& bvh, Packet<L>& p, Hit<L>& hit) {
+VR_CALLED void walk_together(const BvhView& bvh, Packet<L>& p, Hit<L>& hit) {
     using F = typename L::F;
     using U = typename L::U;
     const auto* nodes = static_cast<const WideNode<kCpuWidth>*>(bvh.nodes);

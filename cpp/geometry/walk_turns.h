@@ -249,7 +249,7 @@ VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
 
 // Rays `active`, in turn.
 template <uint32_t kKinds, bool kAny, class L>
-static VR_CALLED void walk_in_turns(const BvhView& bvh, Walkers<L>& w, uint32_t active) {
+VR_CALLED void walk_in_turns(const BvhView& bvh, Walkers<L>& w, uint32_t active) {
     uint32_t on_way[L::kWidth], n = 0;
     for (uint32_t m = active; m; m &= m - 1) on_way[n++] = static_cast<uint32_t>(__builtin_ctz(m));
     while (n > 0)

@@ -35,6 +35,12 @@ struct FlatPrimitives {
     static constexpr bool has(FeatureMask features) { return (kFeatures & features) != 0; }
     static constexpr bool kOneLane = std::is_same_v<F, float>;
 
+    // Whether there is something to do for one of the features: code for lanes covers many scenes,
+    // and what a scene does without is skipped.
+    static VR_HD bool uses(const SceneView& scene, FeatureMask features) {
+        return has(features) && (kOneLane || (scene.features & features) != 0);
+    }
+
     // The record of quad i: on a CPU laid out for lanes, on CUDA from the block's copy.
     static VR_HD auto quad(const SceneView& scene, uint32_t i) {
         if constexpr (!kOneLane) {
@@ -57,7 +63,7 @@ struct FlatPrimitives {
         VR_ROLLED
         for (; i < end; ++i)
             test(
-                [&](F t_max, F& t) {
+                [&](F t_max, F& t) VR_INLINED {
                     if constexpr (kWay == kAnyWay) {
                         const auto record = quad(scene, i);
                         return meets_flat<L, 2>(&record[0], ray, t_max, t);
@@ -122,7 +128,7 @@ struct FlatPrimitives {
             VR_ROLLED
             for (uint32_t i = 0; i < scene.polygon_count; ++i)
                 test(
-                    [&](F t_max, F& t) {
+                    [&](F t_max, F& t) VR_INLINED {
                         return meets_flat<L, 4>(scene.polygons + i * kPolygonFloats, ray, t_max, t);
                     },
                     primitive + i);
@@ -132,7 +138,7 @@ struct FlatPrimitives {
             VR_ROLLED
             for (uint32_t i = 0; i < scene.disk_count; ++i)
                 test(
-                    [&](F t_max, F& t) {
+                    [&](F t_max, F& t) VR_INLINED {
                         return meets_disk<L>(scene.disks + i * kDiskFloats, ray, t_max, t);
                     },
                     primitive + i);
@@ -142,12 +148,86 @@ struct FlatPrimitives {
             VR_ROLLED
             for (uint32_t i = 0; i < scene.sphere_count; ++i)
                 test(
-                    [&](F t_max, F& t) {
+                    [&](F t_max, F& t) VR_INLINED {
                         return meets_sphere<L>(scene.spheres + i * kSphereFloats, ray, last,
                                                U(primitive + i), t_max, t);
                     },
                     primitive + i);
         }
+    }
+
+    // The nearest hit beyond `last` and before t_max; t = t_max and primitive ~0 where there is
+    // none.
+    static VR_HD Hit<L> closest_flat(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
+                                     F t_max) {
+        Hit<L> hit{t_max, U(~0u)};
+        const auto look = [&]<bool kGoesOn>() VR_INLINED {
+            each_flat(scene, ray, last, 0, [&](auto meets, uint32_t primitive) VR_INLINED {
+                F t;
+                M take = meets(hit.t, t);
+                if constexpr (kGoesOn) take = take & beyond<L>(last, t, U(primitive));
+                hit.t = select(take, t, hit.t);
+                hit.primitive = select(take, U(primitive), hit.primitive);
+            });
+        };
+        if (uses(scene, kGoOn))
+            look.template operator()<has(kGoOn)>();
+        else
+            look.template operator()<false>();
+        return hit;
+    }
+
+    // The first quad that shadow rays from `origin` can meet: from in front of a plane to in front
+    // of it, none meets it.
+    static VR_HD uint32_t first_blocker(const SceneView& scene, const Vec3<F>& origin, M wanted) {
+        if constexpr (has(kQuads)) {
+            M behind = wanted & !wanted;
+            VR_ROLLED
+            for (uint32_t i = 0; i < scene.first_occluder; ++i) {
+                const auto record = quad(scene, i);
+                const F height = height_over<L>(&record[0], origin);
+                behind = behind | !(height > F(0.f));
+            }
+            if (none(behind & wanted)) return scene.first_occluder;
+        }
+        return 0;
+    }
+
+    // Those of the lanes `wanted` that meet a primitive other than `skip` before t_max.
+    static VR_HD M occluded_flat(const SceneView& scene, const Ray<L>& ray, F t_max, M wanted,
+                                 U skip) {
+        M blocked = wanted & !wanted;
+        uint32_t mark = 0;  // CUDA: a condition kept in a register costs two instructions more
+        each_flat(scene, ray, nothing_met<L>(), first_blocker(scene, ray.o, wanted),
+                  [&](auto meets, uint32_t primitive) VR_INLINED {
+                      F t;
+                      M hit = meets(t_max, t);
+                      if constexpr (has(kSkippedLights)) hit = hit & !(skip == U(primitive));
+                      if constexpr (kOneLane)
+                          mark = hit ? 1u : mark;
+                      else
+                          blocked = blocked | hit;
+                  });
+        if constexpr (kOneLane) blocked = mark != 0;
+        return blocked & wanted;
+    }
+};
+
+// Those loops for all shapes, called by code for trees.
+template <class L>
+struct CalledFlat {
+    using Flat = FlatPrimitives<L, kQuads | kPolygons | kDisks | kSpheres | kPass | kSkippedLights>;
+    using F = typename L::F;
+    using U = typename L::U;
+    using M = typename L::M;
+
+    VR_CALLED static Hit<L> closest(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
+                                    F t_max) {
+        return Flat::closest_flat(scene, ray, last, t_max);
+    }
+    VR_CALLED static M occluded(const SceneView& scene, const Ray<L>& ray, F t_max, M wanted,
+                                U skip) {
+        return Flat::occluded_flat(scene, ray, t_max, wanted, skip);
     }
 };
 

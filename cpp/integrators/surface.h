@@ -11,21 +11,17 @@ namespace veriray {
 template <class L, FeatureMask kFeatures>
 struct SurfaceReader : FlatPrimitives<L, kFeatures> {
     using Flat = FlatPrimitives<L, kFeatures>;
-    using Flat::each_flat, Flat::has, Flat::kOneLane, Flat::quad;
+    using Flat::has, Flat::uses;
     using typename Flat::F, typename Flat::U, typename Flat::M;
     using V = Vec3<F>;
     using S = Spectrum<F>;
 
     static constexpr uint32_t kTreeKinds =
         kTreeTriangles | (has(kSpheres) ? kTreeSpheres : 0u) | (has(kDisks) ? kTreeDisks : 0u);
+    // Code for trees, too, does not hold the loops over flat primitives; kernels do.
+    static constexpr bool kCallsFlat = !VR_CUDA && has(kBvh);
     using Material = Bsdf<L, kinds_of(kFeatures)>;
     using Texturing = veriray::Texturing<L, has(kAttributes)>;
-
-    // Whether there is something to do for one of the features: code for lanes covers many scenes,
-    // and what a scene does without is skipped.
-    static VR_HD bool uses(const SceneView& scene, FeatureMask features) {
-        return has(features) && (kOneLane || (scene.features & features) != 0);
-    }
 
     // How far the ray of a path or shadow request has come.
     template <class Carrier>
@@ -44,36 +40,10 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
                 closest_in_bvh<L, kTreeKinds>(scene.bvh, ray, last, active, hit);
                 return hit;
             }
-        const auto look = [&]<bool kGoesOn>() VR_INLINED {
-            each_flat(scene, ray, last, 0, [&](auto meets, uint32_t primitive) {
-                F t;
-                M take = meets(hit.t, t);
-                if constexpr (kGoesOn) take = take & beyond<L>(last, t, U(primitive));
-                hit.t = select(take, t, hit.t);
-                hit.primitive = select(take, U(primitive), hit.primitive);
-            });
-        };
-        if (uses(scene, kGoOn))
-            look.template operator()<has(kGoOn)>();
+        if constexpr (kCallsFlat)
+            return CalledFlat<L>::closest(scene, ray, last, t_max);
         else
-            look.template operator()<false>();
-        return hit;
-    }
-
-    // The first quad that shadow rays can meet: from in front of a plane to in front of it, none
-    // meets it.
-    static VR_HD uint32_t first_blocker(const SceneView& scene, const ShadowRequest<L>& shadow) {
-        if constexpr (has(kQuads)) {
-            M behind = shadow.wanted & !shadow.wanted;
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.first_occluder; ++i) {
-                const auto record = quad(scene, i);
-                const F height = height_over<L>(&record[0], shadow.ray.o);
-                behind = behind | !(height > F(0.f));
-            }
-            if (none(behind & shadow.wanted)) return scene.first_occluder;
-        }
-        return 0;
+            return Flat::closest_flat(scene, ray, last, t_max);
     }
 
     static VR_HD M occluded(const SceneView& scene, const ShadowRequest<L>& shadow) {
@@ -81,20 +51,11 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
             if (scene.features & kBvh)
                 return occluded_in_bvh<L, kTreeKinds>(scene.bvh, shadow.ray, shadow.t_max,
                                                       shadow.wanted, shadow.skip);
-        M blocked = shadow.wanted & !shadow.wanted;
-        uint32_t mark = 0;  // CUDA: a condition kept in a register costs two instructions more
-        each_flat(scene, shadow.ray, nothing_met<L>(), first_blocker(scene, shadow),
-                  [&](auto meets, uint32_t primitive) {
-                      F t;
-                      M hit = meets(shadow.t_max, t);
-                      if constexpr (has(kSkippedLights)) hit = hit & !(shadow.skip == U(primitive));
-                      if constexpr (kOneLane)
-                          mark = hit ? 1u : mark;
-                      else
-                          blocked = blocked | hit;
-                  });
-        if constexpr (kOneLane) blocked = mark != 0;
-        return blocked & shadow.wanted;
+        if constexpr (kCallsFlat)
+            return CalledFlat<L>::occluded(scene, shadow.ray, shadow.t_max, shadow.wanted,
+                                           has(kSkippedLights) ? shadow.skip : U(~0u));
+        else
+            return Flat::occluded_flat(scene, shadow.ray, shadow.t_max, shadow.wanted, shadow.skip);
     }
 
     // Lanes whose hit is of the sheet that they passed there: rays meet both triangles at an edge.

@@ -9,9 +9,10 @@ all C++ bugs (none if only Python bugs are requested) and puts it, and the Pytho
 copy, into copies of the packages. Then it runs the quick levels 1 to 8 on the unchanged copy, which
 must pass, and on each bug, with J processes at once. A level ends at its first failed case; a level
 catches a bug if a case fails, ends in an error, kills the process or hangs. --first: no further
-levels for a caught bug, cheap levels first. --full-survivors: bugs that no quick level catches are
-given to the full levels. --limit: no level starts after S seconds; bugs without all their answers
-are listed as not judged and not counted. Films compared with recorded hashes are reported
+levels for a caught bug, and the cases that caught bugs of the same file before run ahead of all
+others. --full-survivors: bugs that no quick level catches are given to
+the full levels. --limit: no level starts after S seconds; bugs without all their answers are listed
+as not judged and not counted. Films compared with recorded hashes are reported
 separately and do not count, because any change shows.
 
 After each bug, prints and writes as JSON which level catches it, by which case, after how many
@@ -113,14 +114,21 @@ class Stand:
         return folder
 
     def judge(self, bug: Mutant | None, level: int, mode: str, sound: dict[str, Any] | None,
-              times: Path | None) -> dict[str, Any]:  # fmt: skip
-        """One level's answer on a bug, or on the unchanged copy; see `level_judge`."""
+              cases: dict[str, float] | None) -> dict[str, Any]:  # fmt: skip
+        """The answer of a level's cases on a bug, or of all on the unchanged copy; `level_judge`.
+
+        cases: with the seconds that each takes the unchanged copy.
+        """
         name = "unchanged" if bug is None else "_".join(re.findall(r"\w+", bug.name))
-        file = self.answers / f"{mode}-{level}-{name}.json"
+        text = json.dumps(cases or {}, sort_keys=True).encode()
+        asked = "-" + hashlib.sha256(text).hexdigest()[:8] if cases else ""
+        file = self.answers / f"{mode}-{level}{asked}-{name}.json"
         if not file.exists():
             if bug and time.monotonic() > self.end:
                 return {"case": None, "verdict": UNJUDGED, "ran": 0, "seconds": 0.0}
-            answer = self._judged(bug, level, mode, sound, times)
+            times = self.packages / file.name
+            times.write_bytes(text)
+            answer = self._judged(bug, level, mode, sound, times if cases is not None else None)
             with replacing(file) as new:
                 new.write(json.dumps(answer).encode())
         kept: dict[str, Any] = json.loads(file.read_text("utf-8"))
@@ -184,11 +192,15 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
     with ThreadPoolExecutor(jobs) as pool:
         with stand.alone():
             quick = _sound(stand, pool, asked, "quick")
-        order = sorted(asked, key=lambda n: quick[n]["seconds"])
         print("unchanged:", {n: f"{a['verdict']}, {a['ran']} cases, {a['seconds']} s"
                              for n, a in quick.items()}, flush=True)  # fmt: skip
-        groups = [order] if first else [[n] for n in order]
-        for bug, found in _answers(stand, pool, chosen, groups, "quick", quick):
+        whole = [(n, quick[n]["times"]) for n in sorted(asked, key=lambda n: quick[n]["seconds"])]
+        before = list(rows.values())
+        plans = {
+            m.name: [[*_likely(m, before, quick), *whole]] if first else [[step] for step in whole]
+            for m in chosen
+        }
+        for bug, found in _answers(stand, pool, plans, "quick", quick):
             row = _row(bug, found, levels)
             if judged := all(a["verdict"] != UNJUDGED for a in found.values()):
                 rows[bug.name] = {**row, "sources": stand.sources}
@@ -198,7 +210,8 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
         left = [m for m in chosen if m.name in rows and not rows[m.name]["caught_by"]]
         if full_survivors and left:
             full = _sound(stand, pool, levels, "full")
-            for bug, found in _answers(stand, pool, left, [[n] for n in levels], "full", full):
+            plans = {m.name: [[(n, full[n]["times"])] for n in levels] for m in left}
+            for bug, found in _answers(stand, pool, plans, "full", full):
                 caught = {n: _brief(a) for n, a in sorted(found.items()) if a["case"]}
                 rows[bug.name]["full"] = caught
                 print(f"{bug.name}: full: {list(caught) or 'SURVIVED'}", flush=True)
@@ -206,33 +219,56 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
     return _result(stand, chosen, levels, rows, quick)
 
 
-def _answers(stand: Stand, pool: ThreadPoolExecutor, bugs: Sequence[Mutant],
-             groups: Sequence[Sequence[int]], mode: str, sound: dict[int, dict[str, Any]],
+#: A level and cases of it, with the seconds that they take a sound run.
+Step = tuple[int, dict[str, float]]
+
+
+def _likely(bug: Mutant, rows: Iterable[dict[str, Any]],
+            sound: dict[int, dict[str, Any]]) -> list[Step]:  # fmt: skip
+    """The cases that caught bugs of the same file in `rows`; the levels with most of them first."""
+    files = {edit[0] for edit in bug.edits}
+    hits = Counter(
+        (int(n), answer["case"])
+        for row in rows if files & {edit[0] for edit in row["edits"]}
+        for n, answer in row["levels"].items() if answer.get("case")
+    )  # fmt: skip
+    steps: dict[int, dict[str, float]] = {}
+    for (n, case), _ in hits.most_common():
+        if n in sound and case in sound[n]["times"]:
+            steps.setdefault(n, {})[case] = sound[n]["times"][case]
+    return list(steps.items())
+
+
+def _answers(stand: Stand, pool: ThreadPoolExecutor, plans: dict[str, list[list[Step]]], mode: str,
+             sound: dict[int, dict[str, Any]],
              ) -> Iterator[tuple[Mutant, dict[int, dict[str, Any]]]]:  # fmt: skip
     """Each bug, once it is judged, with its answers by level.
 
-    groups: levels that run one after the other, up to the first that catches the bug.
+    plans: by the bug's name, groups of steps; those of a group run one after the other, up to the
+    first that catches the bug.
     """
-    times = stand.packages / f"{mode}_times.json"
-    times.write_text(json.dumps({k: v for a in sound.values() for k, v in a["times"].items()}))
 
-    def until_caught(bug: Mutant, group: Sequence[int]) -> dict[int, dict[str, Any]]:
+    def until_caught(bug: Mutant, group: list[Step]) -> dict[int, dict[str, Any]]:
         answers: dict[int, dict[str, Any]] = {}
-        for n in group:
-            answers[n] = stand.judge(bug, n, mode, sound[n], times)
-            if answers[n]["case"]:
+        for n, cases in group:
+            answer = stand.judge(bug, n, mode, sound[n], cases)
+            if answer["case"] or len(cases) == len(sound[n]["times"]):
+                answers[n] = answer
+            if answer["case"]:
                 break
         return answers
 
-    found: dict[str, dict[int, dict[str, Any]]] = {m.name: {} for m in bugs}
-    waiting = Counter({m.name: len(groups) for m in bugs})
-    tasks = {pool.submit(until_caught, m, group): m for m in bugs for group in groups}
+    bugs = {m.name: m for m in BUGS if m.name in plans}
+    found: dict[str, dict[int, dict[str, Any]]] = {name: {} for name in plans}
+    waiting = {name: len(groups) for name, groups in plans.items()}
+    tasks = {pool.submit(until_caught, bugs[name], group): name
+             for name, groups in plans.items() for group in groups}  # fmt: skip
     for task in as_completed(tasks):
-        bug = tasks[task]
-        found[bug.name] |= task.result()
-        waiting[bug.name] -= 1
-        if not waiting[bug.name]:
-            yield bug, found[bug.name]
+        name = tasks[task]
+        found[name] |= task.result()
+        waiting[name] -= 1
+        if not waiting[name]:
+            yield bugs[name], found[name]
 
 
 def _row(bug: Mutant, found: dict[int, dict[str, Any]], levels: Iterable[int]) -> dict[str, Any]:

@@ -56,9 +56,9 @@ def page(result: dict[str, Any]) -> str:
         f"{sum(len(row['levels']) == len(levels) for row in rows)} bugs that all levels were given."
         + (f" Bugs judged with an earlier version of the sources: {old}." if old else ""),
         "",
-        "The table gives the seconds of one processor until a level's first failed case; cheap "
-        "cases run first. Empty: the level passes. -: not run after another had failed. The case "
-        "named is the quickest to find the bug.",
+        "The table gives the seconds of one processor until a level's first failed case; cases "
+        "that found bugs of the same file run first, then cheap ones. Empty: the level passes. "
+        "-: not run after another had failed. The case named is the quickest to find the bug.",
         "",
         "| bug | " + " | ".join(levels) + " | found by |",
         "|---|" + "---|" * (len(levels) + 1),

@@ -128,6 +128,19 @@ def test_every_bug_is_saved_and_old_ones_kept(tmp_path: Path, first: bool) -> No
     assert "Bugs judged with an earlier version of the sources: 1." in page
 
 
+def test_what_caught_bugs_of_the_same_file_is_likely() -> None:
+    bug = levels.BUGS[0]
+    sound = {n: {"times": {f"{n}.a": 1.0, f"{n}.b": 2.0}} for n in (1, 2, 3)}
+
+    def row(file: str, **cases: str | None) -> dict[str, Any]:
+        found = {n[1:]: {"case": case} for n, case in cases.items()}
+        return {"edits": [[file, "", ""]], "levels": found}
+
+    rows = [row(bug.file, l1="1.a"), row("another.h", l3="3.a"), row(bug.file, l1=None, l2="2.b"),
+            row(bug.file, l2="2.b"), row(bug.file, l2="2.gone")]  # fmt: skip
+    assert levels._likely(bug, rows, sound) == [(2, {"2.b": 2.0}), (1, {"1.a": 1.0})]
+
+
 @pytest.fixture(scope="module")
 def shop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workshop]:
     pytest.importorskip("embreex", reason="the reference renderer needs embreex")

@@ -9,10 +9,10 @@ all C++ bugs (none if only Python bugs are requested) and puts it, and the Pytho
 copy, into copies of the packages. Then it runs the quick levels 1 to 8 on the unchanged copy, which
 must pass, and on each bug, with J processes at once. A level ends at its first failed case; a level
 catches a bug if a case fails, ends in an error, kills the process or hangs. --first: no further
-levels for a caught bug, and the cases that caught bugs of the same file before run ahead of all
-others. --full-survivors: bugs that no quick level catches are given to
-the full levels. --limit: no level starts after S seconds; bugs without all their answers are listed
-as not judged and not counted. Films compared with recorded hashes are reported
+levels for a caught bug; the cases that caught bugs of the same file before run ahead of all
+others, then the cheap ones of all levels. --full-survivors: bugs that no quick level catches are
+given to the full levels. --limit: no level starts after S seconds; bugs without all their answers
+are listed as not judged and not counted. Films compared with recorded hashes are reported
 separately and do not count, because any change shows.
 
 After each bug, prints and writes as JSON which level catches it, by which case, after how many
@@ -29,6 +29,7 @@ import argparse
 import contextlib
 import fcntl
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -61,6 +62,8 @@ LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)
 #: that in wall time, which only a level that waits in vain takes.
 LIMIT, LEAST, HANG, ASLEEP = 2, 120, 2, 4
 UNJUDGED = "not judged"
+#: Seconds of cases: with --first those up to the second number run first at all levels, and so on.
+TIERS = (-1.0, 0.05, 0.3, math.inf)
 #: C++ bugs; those of `bugs` that change a scene's reflectance test only the verdict of `compare`.
 BUGS = (*(m for m in BUILT if m.file), *PYTHON)
 
@@ -194,12 +197,17 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
             quick = _sound(stand, pool, asked, "quick")
         print("unchanged:", {n: f"{a['verdict']}, {a['ran']} cases, {a['seconds']} s"
                              for n, a in quick.items()}, flush=True)  # fmt: skip
-        whole = [(n, quick[n]["times"]) for n in sorted(asked, key=lambda n: quick[n]["seconds"])]
+        order = sorted(asked, key=lambda n: quick[n]["seconds"])
+        tiers = [
+            (n, {case: s for case, s in quick[n]["times"].items() if least < s <= most})
+            for least, most in itertools.pairwise(TIERS) for n in order
+        ]  # fmt: skip
+        tiers = [step for step in tiers if step[1]]
         before = list(rows.values())
         plans = {
-            m.name: [[*_likely(m, before, quick), *whole]] if first else [[step] for step in whole]
-            for m in chosen
-        }
+            m.name: [_likely(m, before, quick) + tiers] if first
+            else [[(n, quick[n]["times"])] for n in order] for m in chosen
+        }  # fmt: skip
         for bug, found in _answers(stand, pool, plans, "quick", quick):
             row = _row(bug, found, levels)
             if judged := all(a["verdict"] != UNJUDGED for a in found.values()):
@@ -250,12 +258,15 @@ def _answers(stand: Stand, pool: ThreadPoolExecutor, plans: dict[str, list[list[
 
     def until_caught(bug: Mutant, group: list[Step]) -> dict[int, dict[str, Any]]:
         answers: dict[int, dict[str, Any]] = {}
+        left = Counter(n for n, _ in group)
         for n, cases in group:
             answer = stand.judge(bug, n, mode, sound[n], cases)
-            if answer["case"] or len(cases) == len(sound[n]["times"]):
-                answers[n] = answer
-            if answer["case"]:
-                break
+            for key in ("seconds", "ran"):  # of all its cases so far
+                answer[key] = round(answer[key] + answers.get(n, {key: 0})[key], 2)
+            answers[n] = answer
+            left[n] -= 1
+            if answer["case"]:  # what a level has left open is no answer
+                return {k: a for k, a in answers.items() if k == n or not left[k]}
         return answers
 
     bugs = {m.name: m for m in BUGS if m.name in plans}

@@ -178,7 +178,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
                 put(kSurfaceColumns + c, static_cast<float>(x));
             };
             // The light lost at each cosine for one side; returns its mean.
-            const auto put_lost = [&](uint32_t first, double eta) {
+            const auto put_lost = [&, m = m](uint32_t first, double eta) {  // as Clang 14 wants it
                 const auto [at, fresh] =
                     lost.try_emplace({in.alpha_u.data[m], eta, ggx, correlated});
                 if (fresh)

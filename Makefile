@@ -25,7 +25,7 @@ define REQUIREMENTS
 import importlib, sys
 toml = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "pip._vendor.tomli")
 settings = toml.load(open("pyproject.toml", "rb"))
-project, names = settings["project"], sys.argv[1:]
+project, names = settings["project"], ",".join(sys.argv[1:]).split(",")
 lists = {"build": settings["build-system"]["requires"], "base": project["dependencies"]}
 lists |= project["optional-dependencies"]
 for name in names:
@@ -63,6 +63,7 @@ export VERIRAY_CPU VERIRAY_CUDA_ARCH
 MAKEFLAGS += --jobs=2
 
 .SECONDARY:
+.DELETE_ON_ERROR:
 .PHONY: all demo test lint format schema docs wheel clean force
 all: $(VENV)/installed $(VENV)/packages-$(EXTRA)
 

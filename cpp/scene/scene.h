@@ -364,9 +364,9 @@ class HostScene : public Frame {
 // Raises std::invalid_argument for what SceneInput's arrays must not hold. known: an input that has
 // passed; null: none.
 void check_input(const SceneInput& in, const SceneInput* known);
-// Whether a material lets light through, or its blend does.
 // Whether light goes past a material, as through a mask; not looked at: what a blend adds to it.
 bool covers_partly(const SceneInput& in, uint32_t material);
+// Whether a material lets light through, or its blend does.
 bool clear_material(const SceneInput& in, uint32_t material);
 std::string number(double x);
 bool has_tangents(const SceneInput& in, uint32_t material);

@@ -123,15 +123,16 @@ class Stand:
         cases: with the seconds that each takes the unchanged copy.
         """
         name = "unchanged" if bug is None else "_".join(re.findall(r"\w+", bug.name))
-        text = json.dumps(cases or {}, sort_keys=True).encode()
-        asked = "-" + hashlib.sha256(text).hexdigest()[:8] if cases else ""
+        text = json.dumps(cases, sort_keys=True).encode()
+        asked = "" if cases is None else "-" + hashlib.sha256(text).hexdigest()[:8]
         file = self.answers / f"{mode}-{level}{asked}-{name}.json"
         if not file.exists():
             if bug and time.monotonic() > self.end:
                 return {"case": None, "verdict": UNJUDGED, "ran": 0, "seconds": 0.0}
-            times = self.packages / file.name
-            times.write_bytes(text)
-            answer = self._judged(bug, level, mode, sound, times if cases is not None else None)
+            times = None if cases is None else self.packages / file.name
+            if times:
+                times.write_bytes(text)
+            answer = self._judged(bug, level, mode, sound, times)
             with replacing(file) as new:
                 new.write(json.dumps(answer).encode())
         kept: dict[str, Any] = json.loads(file.read_text("utf-8"))

@@ -108,7 +108,7 @@ class Principled:
         if not front:
             return np.stack([none, none, none + 1])
         f, most = fresnel(wo[2], self.index), self.color.max()
-        even = self.matt * most + (self.sheen * (1 - self.metallic) / 4 if self.matt > 0 else 0)
+        even = self.matt * most + self.sheen * (1 - self.metallic) / 4
         shiny = self.clearcoat / 4 * (0.04 + 0.96 * _schlick(wo[2]))
         small = np.maximum(f, 1 / 16) + (1 - f) * (self.metallic * most + self.glass)
         weights = np.stack([none + even, shiny, small * (self.index != 1)])
@@ -151,9 +151,8 @@ class Principled:
         within = 1.25 * (within * (1 / (wo[2] + wi[2]) - 0.5) + 0.5)
         diffuse = (1 - self.flatness) * burley + self.flatness * within
         out = self.matt / np.pi * self.color[:, None] * diffuse
-        if self.matt > 0:
-            cloth = 1 - self.sheen_tint + self.sheen_tint * self.hue
-            out = out + self.sheen * (1 - self.metallic) * cloth[:, None] * _schlick(im)
+        cloth = 1 - self.sheen_tint + self.sheen_tint * self.hue
+        out = out + self.sheen * (1 - self.metallic) * cloth[:, None] * _schlick(im)
         quarter, ggx = np.full((2, len(im)), 0.25), np.ones(len(im), bool)
         both = unhidden(wo, quarter, ggx) * unhidden(wi, quarter, ggx)
         glint = self.clearcoat / 4 * (0.04 + 0.96 * lean) * self._coat(h) * both

@@ -80,7 +80,7 @@ struct PrincipledLobes : PrincipledParts<L> {
         F pdf = chosen.mirrors * d * wide * (kOpen ? select(up, one - through, through) : one);
 
         const F diffuse = base * F(kInvPi) * cos_i * matt(p, view.cos_o, cos_i, im);
-        const F sheen = select(base > none, p.sheen * shut * grazing(im) * cos_i, none);
+        const F sheen = p.sheen * shut * grazing(im) * cos_i;
         const F coat = Coat::density(p.clearcoat_gloss, m);
         const F glint = F(0.25f) * p.clearcoat * mix(F(0.04f), one, slant) * coat *
                         Coat::seen(view.cos_o) * Coat::seen(cos_i) * cos_i;
@@ -145,7 +145,7 @@ struct PrincipledLobes : PrincipledParts<L> {
         const F one(1.f), none(0.f), r = view.fresnel.reflected, open = opened(p);
         const F shut = one - p.metallic, base = kOpen ? shut * (one - p.spec_trans) : shut;
         const F most = max_channel(p.reflectance);
-        F diffuse = fma(base, most, select(base > none, F(0.25f) * shut * p.sheen, none));
+        F diffuse = fma(base, most, F(0.25f) * shut * p.sheen);
         F coat = F(0.25f) * p.clearcoat * mix(F(0.04f), one, grazing(view.cos_o));
         const F mirrors = fma(one - r, fma(p.metallic, most, open), max(r, F(0.0625f)));
         if constexpr (kOpen) {

@@ -29,6 +29,11 @@ VR_HD float abs(float a) { return magnitude(a); }
 // min and max return b when the comparison is false, NaN included, as x86 does.
 VR_HD float min(float a, float b) { return a < b ? a : b; }
 VR_HD float max(float a, float b) { return a > b ? a : b; }
+// Those of float alone would take counts too, and round them.
+VR_HD uint32_t min(uint32_t a, uint32_t b) { return a < b ? a : b; }
+VR_HD uint32_t max(uint32_t a, uint32_t b) { return a > b ? a : b; }
+VR_HD uint64_t min(uint64_t a, uint64_t b) { return a < b ? a : b; }
+VR_HD uint64_t max(uint64_t a, uint64_t b) { return a > b ? a : b; }
 VR_HD float select(bool m, float a, float b) { return m ? a : b; }
 VR_HD uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
 // m & (a < b), compared only where m is set.

@@ -1,6 +1,7 @@
 // The light table: what there is to sample, and with which probability.
 #include <algorithm>
 
+#include "bsdfs/kinds.h"
 #include "scene/box_pairs.h"
 #include "scene/light_texture.h"
 #include "scene/light_tree.h"
@@ -134,6 +135,23 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     return brightest;
 }
 
+// Whether a rough surface may mirror parallel light with more than 2^20 times its irradiance. With
+// mirrors of roughness alpha that is alpha^-2 / (4 pi cosine) straight on, and falls again for
+// cosines below alpha: at most alpha^-3 / (4 pi).
+static bool any_sharp(const SceneInput& in) {
+    constexpr float kAlpha = 0x1p-7f, kRoughness = 0.088f;  // its square is alpha
+    const auto below = [](float least, float number, int32_t texture) {
+        return number < least || texture >= 0;
+    };
+    for (size_t m = 0; m < in.material_kind.count; ++m)
+        if ((kRoughKinds >> in.material_kind.data[m] & 1u) &&
+            (below(kAlpha, in.alpha_u.data[m], in.alpha_u_texture.data[m]) ||
+             below(kAlpha, in.alpha_v.data[m], in.alpha_v_texture.data[m]) ||
+             below(kRoughness, in.roughness.data[m], in.roughness_texture.data[m])))
+            return true;
+    return false;
+}
+
 // The radiance that the film's resolution goes by; samples of 2^20 times as much are refused.
 float HostScene::brightest_light(const SceneInput& in, const std::vector<AreaLight>& lamps,
                                  const std::vector<uint32_t>& lights) const {
@@ -153,15 +171,16 @@ float HostScene::brightest_light(const SceneInput& in, const std::vector<AreaLig
     }
     // A delta light's radiance at a receiver has no bound, as rough metals concentrate it. It
     // counts as 2^12 times that at the scene's size away, or at all that it can light if that is
-    // farther; in media that is anywhere.
+    // farther; in media that is anywhere. Parallel light counts so where something is sharp.
+    const double room = 1. / 64, parallel = any_sharp(in) ? room : 1;
     for (const uint32_t q : lights) {
-        double far = 1;
+        double far = parallel;
         if (in.light_has_place(q)) {
             const Double3 p = row3(in.light_position, q);
             far = unit;
             if (!in.sigma_t.count && extent.low.x <= extent.high.x)
                 far = std::max(far, std::sqrt(squared_gap({p, p}, extent)));
-            far /= 64;
+            far *= room;
         }
         brightest = std::max(brightest, static_cast<float>(most_intense(in, q) / (far * far)));
     }

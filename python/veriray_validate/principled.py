@@ -152,7 +152,7 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
         under = mix(1, back / 2, o5) * mix(1, back / 2, i5)
         soft = 1.25 * (under * (1 / (co + ci) - 0.5) + 0.5)
         matt = p.matt * base * (mix(rough, soft, p.flatness) / np.pi)[:, None]
-        veil = p.sheen * (1 - p.metallic) * (p.matt > 0) * grazing(im)[:, None]
+        veil = p.sheen * (1 - p.metallic) * grazing(im)[:, None]
         matt = matt + veil * mix(1, tint, p.sheen_tint)
         coat = coat_slopes(p, m)
         glint = 0.25 * p.clearcoat * mix(0.04, 1, slant) * coat
@@ -173,7 +173,7 @@ def chances(p: Principled, co: Array, eta: float, front: bool, off: float) -> Ar
     if not front:
         return np.stack([0 * co, 0 * co, 1 + 0 * co])
     most, r = max(p.base), shifted(co, eta, off)
-    diffuse = p.matt * most + (0.25 * (1 - p.metallic) * p.sheen if p.matt > 0 else 0)
+    diffuse = p.matt * most + 0.25 * (1 - p.metallic) * p.sheen
     coat = 0.25 * p.clearcoat * mix(0.04, 1, grazing(co))
     mirrors = np.maximum(r, 1 / 16) + (1 - r) * (p.metallic * most + p.opened)
     out = np.stack([diffuse + 0 * co, coat, mirrors * (eta != 1)])

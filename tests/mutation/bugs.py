@@ -382,6 +382,8 @@ _BURLEY = (
            "principled_surfaces"),
     Mutant("flatness left out", _BURLEYS, "mix(rough, soft, p.flatness)", "rough",
            "principled_surfaces"),
+    Mutant("sheen of the diffuse share alone", _PRINCIPLED, "p.sheen * shut * grazing(im) * cos_i",
+           "p.sheen * base * grazing(im) * cos_i"),
     Mutant("metal without Schlick's rise", _PRINCIPLED, "mix(c, one, slant)", "c",
            "principled_surfaces"),
     Mutant("clear coat twice as strong", _PRINCIPLED, "F(0.25f) * p.clearcoat * mix(F(0.04f), one,"

@@ -541,6 +541,8 @@ _REPAIRED = (  # bugs that veriray had
            "angle(-dot(wi, axis), sqrt(max(F(1.f) - dot(wi, axis) * dot(wi, axis), F(0.f))))"),
     Mutant("film blind to near point lights", "scene/lights.cpp",
            "brightest_receiver(in, lights, brightest)", "brightest"),
+    Mutant("sharp metals under suns too bright for the film", "scene/lights.cpp",
+           "any_sharp(in) ? room : 1", "1.0"),
     Mutant("film goes by far lights as if they were near", "scene/lights.cpp",
            "std::max(far, std::sqrt(squared_gap({p, p}, extent)))", "std::max(far, 0.)"),
     Mutant("lamps sheared by rounded corners", "scene/lights.cpp",

@@ -229,10 +229,12 @@ def test_repeated_calls_take_no_memory(cornell: vr.Scene) -> None:
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("size", [(1999, 300), (1024, 1024), (1500, 1500)])
-def test_large_images_reach_the_host(cornell: vr.Scene, size: tuple[int, int]) -> None:
-    """By page-locked memory, and of several films."""
-    shape = {"width": size[0], "height": size[1], "spp": 8}
+@pytest.mark.parametrize(
+    "size", [(1999, 300, 8), (1024, 1024, 8), (1500, 1500, 8), (1021, 1021, 17)]
+)
+def test_large_images_reach_the_host(cornell: vr.Scene, size: tuple[int, int, int]) -> None:
+    """By page-locked memory, of several films, and of more samples than float32 counts."""
+    shape = dict(zip(("width", "height", "spp"), size, strict=True))
     assert arrays(look(cornell, "cuda", **shape)) == arrays(look(cornell, "cpu", **shape))
 
 

@@ -65,3 +65,38 @@ def flat_faces_seen_by_narrow_views(t: Trial, tree: bool, scenes: int) -> None:
         seen = float(t.render(shown, 64).image.mean())
         told = f"{sensor['type']}, {kind}, slope {slope:.2g}, normal {normal}, {len(behind)} behind"
         t.check(abs(seen - 1) < 1e-5, f"{told}: {seen:.6g}")
+
+
+@case(3, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
+def sun_in_a_rough_mirror(t: Trial, scenes: int) -> None:
+    """Along its mirrored ray, a sun of irradiance 1 on rough metal: D G / (4 cos), by GGX.
+
+    alpha from 1e-4, where that is 8e6 and more, to 0.3; up to 80 degrees, turned; one in three is
+    principled. No sample is too bright for the film. Margin 1e-3: float32 directions are 1e-7 off.
+    """
+    for k in range(scenes):
+        alpha = 10 ** t.rng.uniform(math.log10(1e-3 if k % 3 == 0 else 1e-4), math.log10(0.3))
+        angle = math.radians(t.rng.uniform(0, 80))
+        normal = t.rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        along = np.cross(normal, t.rng.normal(size=3))
+        along /= np.linalg.norm(along)
+        up, aside = math.cos(angle) * normal, math.sin(angle) * along
+        metal = (
+            {"type": "principled", "metallic": 1.0, "base_color": 1.0, "roughness": alpha**0.5}
+            if k % 3 == 0
+            else {"type": "roughconductor", "material": "none", "distribution": "ggx",
+                  "alpha": alpha}
+        )  # fmt: skip
+        shown = scene(
+            {"type": "radiancemeter", "origin": (2 * (up + aside)).tolist(),
+             "direction": (-up - aside).tolist(), "film": box_film()},
+            flat("rectangle", (0, 0, 0), normal.tolist(), 1.0, metal),
+            {"type": "directional", "direction": (aside - up).tolist(), "irradiance": 1.0},
+            max_depth=2,
+        )  # fmt: skip
+        shadow = 2 / (1 + math.sqrt(1 + (alpha * math.tan(angle)) ** 2))
+        wanted = shadow**2 / (4 * math.pi * alpha**2 * math.cos(angle))
+        seen = float(t.render(shown, 4).image.mean())
+        told = f"{metal['type']}, alpha {alpha:.3g}, {math.degrees(angle):.3g} degrees"
+        t.check(abs(seen / wanted - 1) < 1e-3, f"{told}: {seen:.6g}, not {wanted:.6g}")

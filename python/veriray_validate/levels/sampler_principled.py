@@ -45,6 +45,7 @@ SURFACES = {
     "black": Principled((0.0,) * 3, 1.0, metallic=1.0),
     "glass": Principled(WHITE, spec_trans=1.0, roughness=0.5),
     "tinted glass": Principled((0.5,) * 3, 1.3, spec_trans=1.0, roughness=0.3),
+    "veiled glass": Principled((0.5,) * 3, spec_trans=1.0, sheen=1.0, roughness=0.6),
     "diamond": Principled(WHITE, 2.4, spec_trans=1.0, roughness=0.7),
     "bubble": Principled((0.8,) * 3, 0.8, spec_trans=0.9, roughness=0.6),
     "everything": Principled((0.6,) * 3, 1.7, 0.6, 0.3, 0.5, 0.4, 0.6, 0.5, 0.3, 0.8, 0.1),

@@ -83,7 +83,7 @@ inline constexpr FeatureMask kSkippedLights = lights(kSkippedShapes);
 #ifdef VERIRAY_ONE_VARIANT
 inline constexpr uint32_t kVariantCount = 1;
 #else
-inline constexpr uint32_t kVariantCount = 13;
+inline constexpr uint32_t kVariantCount = 10;
 #endif
 
 inline constexpr uint32_t kEveryVariant = (1u << kVariantCount) - 1u;  // a bit for each

@@ -25,13 +25,10 @@ inline constexpr FeatureMask kDiffuseMesh =
 inline constexpr FeatureMask kVariants[] = {
 #ifndef VERIRAY_ONE_VARIANT
     kQuads | lights(kPlainShapes) | kPlainMaterials,
-    kDiffuseFlat,
     kDiffuseFlat | kTextures,
     kDiffuseMesh,
     kDiffuseMesh | kNearLights,
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
-    kSolid & ~(kMedia | kChromatic),
-    kSpheres | kLeanSky | kMedia | kRefraction | (materials(kRefracting) & kLean),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic | kAlbedoGrids | kUnevenMedia | kPhases),
@@ -44,8 +41,8 @@ static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);
 // A bit for each that is compiled of schedulers that are not the default one: the smallest, that of
 // scenes without rich features, and the one for everything.
 #ifndef VERIRAY_ONE_VARIANT
-inline constexpr uint32_t kFewVariants = 1u | 1u << 11 | 1u << 12;
-static_assert(kVariants[11] == kLean && kVariants[12] == kAllFeatures);
+inline constexpr uint32_t kFewVariants = 1u | 1u << 8 | 1u << 9;
+static_assert(kVariants[8] == kLean && kVariants[9] == kAllFeatures);
 #else
 inline constexpr uint32_t kFewVariants = 1u;
 #endif

@@ -123,6 +123,19 @@ def test_waves_of_any_size(device: str, scheduler: str, name: str) -> None:
             assert other.stats["ledger"] == wanted.stats["ledger"], (depth, batch)
 
 
+@pytest.mark.gpu
+@pytest.mark.parametrize("scheduler", METHODS)
+def test_more_paths_in_flight_than_float32_counts(scheduler: str) -> None:
+    """A batch of 2^24 + 1,200 paths."""
+    scene = check_scene("spheres_300", 4128).with_(height=4099)
+    wanted, found = (
+        vr.render(scene, 1, device="cuda", max_depth=3, **more)
+        for more in ({"scheduler": "fused"}, {"scheduler": scheduler, "batch_size": 2**24 + 1200})
+    )
+    assert found.film_sha256 == wanted.film_sha256
+    assert found.stats["ledger"] == wanted.stats["ledger"]
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -233,11 +233,18 @@ def _scaled(element: _Element, where: str, notes: Notes, depth: int = 8) -> None
             _set(element, one, made)
         return
     held = inner[0]
+    if held.get("type") in ("gridtexture", "wireframe"):
+        _grid(held, where, notes)
     if held.get("type") == "checkerboard":
         for one, default in (("color0", 0.4), ("color1", 0.2)):
             colour = _numbers(_named(held, one), default)
-            if colour is not None:
-                _set(held, one, tuple(a * b for a, b in zip(colour, factor, strict=True)))
+            if colour is None:
+                return
+            made = tuple(a * b for a, b in zip(colour, factor, strict=True))
+            if parent.tag == "bsdf" and max(made) > 1:
+                notes.approximated.append((f"texture scale: {one} above 1 is 1", where))
+                made = tuple(min(x, 1.0) for x in made)
+            _set(held, one, made)
     elif held.get("type") == "bitmap":
         before = _numbers(_named(held, "scale"), 1.0)
         if before is None:

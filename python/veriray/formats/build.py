@@ -561,6 +561,12 @@ class _Builder:
         coloured = len(set(row["sigma_t"])) > 1
         if "sigma_t" in grids:
             coloured |= grids["sigma_t"].cells.shape[3] > 1
+            if grids["sigma_t"].beyond():
+                text = "half a cell beyond its box is as at its edge, but empty in version 0.x"
+                self.report.warn(
+                    f"gridvolume: {text}; it counts where its shape is larger than the box",
+                    grids["sigma_t"].node.where,
+                )
         self.media.append((node, coloured))
         for name, grid in grids.items():
             row[f"{name}_grid"] = self.tables.index("grids", grid.node, self.grids.placed(grid))

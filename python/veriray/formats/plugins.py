@@ -915,6 +915,9 @@ PLUGINS: dict[str, Plugin] = {
             "color0": Param(COLOUR, 0.4, 0.0, column="texture_color0", field="texture_field0"),
             "color1": Param(COLOUR, 0.2, 0.0, column="texture_color1", field="texture_field1"),
             "to_uv": _TO_UV,
+            "in_order": Param(
+                "boolean", False, doc="where one number is wanted, too; of version 0.x"
+            ),
         },
         doc="two by two fields a unit of u and v, color0 next to the origin",
     ),
@@ -972,6 +975,9 @@ PLUGINS: dict[str, Plugin] = {
             "wrap_mode": Param("string", "clamp", choices=TEXTURE_WRAPS),
             "to_world": Param("transform", doc="of the unit cube that the cells fill"),
             "use_grid_bbox": Param("boolean", False, doc="they fill the file's box instead"),
+            "at_corners": Param(
+                "boolean", False, doc="the outer cells' centres lie on the box; of version 0.x"
+            ),
             "raw": Param("boolean", False, doc="without effect: numbers are as they stand"),
             "accel": Param("boolean", True, doc="without effect: the filter is exact"),
             "max_value": Param("float", None, note="the grid's own largest number is taken"),

@@ -62,11 +62,12 @@ def copied(
     node: Node, resolve: Callable[[Ref, Node], Node], exchange: bool = False, depth: int = 0
 ) -> Node:
     """A texture's node, and those in it, once more. exchange: with the colours of checkerboards
-    exchanged, as Mitsuba 3.9.1 has them where one number is wanted."""
+    exchanged, as Mitsuba 3.9.1, but not 0.x, has them where one number is wanted."""
     check_depth(node, depth)
     values, held = dict(node.values), textures_in(node, resolve)
     inside = {name: copied(child, resolve, exchange, depth + 1) for name, child in held.items()}
-    if exchange and node.plugin == "checkerboard":
+    ordered = "in_order" in values and values["in_order"].value is True
+    if exchange and node.plugin == "checkerboard" and not ordered:
         names = "color0", "color1"
         params = PLUGINS[node.plugin].params
         for name in names:

@@ -255,7 +255,8 @@ def test_texture_placement_scales_first_as_mitsuba_0() -> None:
     )
     assert text == (
         '<scene><texture type="checkerboard"><transform name="to_uv"><scale x="3" y="1"/>'
-        '<translate x=".25" y="0"/></transform></texture></scene>'
+        '<translate x=".25" y="0"/></transform><boolean name="in_order" value="true"/>'
+        "</texture></scene>"
     )
     assert notes == [("uoffset, voffset, uscale and vscale are to_uv", "f.xml:1")]
 

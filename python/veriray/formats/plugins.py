@@ -695,7 +695,11 @@ PLUGINS: dict[str, Plugin] = {
     "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
     "ply": Plugin(
         "shape",
-        {**_MESH, **_flip_uv(False)},
+        {
+            **_MESH,
+            **_flip_uv(False),
+            "srgb": Param("boolean", True, doc="vertexcolors of version 0.x are sRGB"),
+        },
         _ON_SHAPES,
         doc="Stanford PLY; attributes vertex_color of red, green, blue or r, g, b, vertex_foo of "
         "foo_0, foo_1, foo_2 (or x, y, z; 1, 2, 3) or foo_0; of faces face_color and face_foo",
@@ -930,7 +934,9 @@ PLUGINS: dict[str, Plugin] = {
                 1.0,
                 doc="factor on the numbers; with it they are in the range of what they stand for",
             ),
-            "bytes": Param("boolean", False, doc="numbers up to 255 are shares; of version 0.x"),
+            "bytes": Param(
+                "boolean", False, doc="numbers up to 255 are shares, of a ply sRGB; of version 0.x"
+            ),
         },
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),

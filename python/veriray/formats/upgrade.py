@@ -1,4 +1,4 @@
-"""Scene files of Mitsuba 0.4 to 1.x in today's terms, element by element, before they are read.
+"""Scene files of Mitsuba 0.3 to 1.x in today's terms, element by element, before they are read.
 
 As Mitsuba 3 does for versions below 2: names of parameters in camelCase become snake_case, and
 `diffuseReflectance` of a diffuse BSDF is its `reflectance`; uoffset, voffset, uscale, vscale are
@@ -68,7 +68,7 @@ _DROPPED = {
     "film": ("banner", "attach_log", "high_quality_edges"),
     "texture": ("cache", "max_anisotropy"),
     "emitter": ("cache", "resolution", "sampling_weight"),
-    "shape": ("collapse", "srgb"),
+    "shape": ("collapse",),
 }
 
 
@@ -97,9 +97,10 @@ class Notes:
         ]
 
 
-def upgrade(root: _Element, file: str, notes: Notes) -> None:
-    """Changes the elements under `root`, a file's, in place. Raises SceneError."""
-    legacy.elements(root, file, notes)
+def upgrade(root: _Element, file: str, notes: Notes, early: bool = False) -> None:
+    """Changes the elements under `root`, a file's, in place; early: of version 0.3. Raises
+    SceneError."""
+    legacy.elements(root, file, notes, early)
     media = root.find(".//medium") is not None
     for element in list(root.iter()):
         if isinstance(element.tag, str):

@@ -221,6 +221,9 @@ PLAIN: dict[tuple[str, str], str] = {
     ("constvolume", "color"): "its number, under the name of Mitsuba 2",
     ("mesh", "disable_vertex_normals"): "`face_normals`, under the name of Mitsuba 2",
     ("mesh_attribute", "bytes"): "how a file of Mitsuba 0.x keeps colours",
+    ("ply", "srgb"): "how a file of Mitsuba 0.x keeps colours",
+    ("gridvolume", "at_corners"): "how a file of Mitsuba 0.x places cells",
+    ("checkerboard", "in_order"): "how a file of Mitsuba 0.x orders colours",
     ("specfilm", "*"): "as of `hdrfilm`",
     ("sunsky", "y_is_east"): "the directions of files of Mitsuba 0.x",
 }

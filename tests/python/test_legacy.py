@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,14 @@ DIFFUSE = BALL.format('<bsdf type="diffuse">{}</bsdf>')
 TEXTURE = DIFFUSE.format('<texture type="{}" name="reflectance">{}</texture>')
 FILE = '<string name="filename" value="{}"/>'
 VOLUME = '<volume name="{}" type="gridvolume">' + FILE.format("a.vol") + "</volume>"
+#: The same as version 0.x placed it.
+PLACED = VOLUME.replace(
+    "</", '<boolean name="use_grid_bbox" value="true"/><boolean name="at_corners" value="true"/></'
+)
+BEYOND = "half a cell beyond its box"
+MANUAL = "1/mm, as the manual"
+SKIN_SHARE = f'<rgb name="albedo" value="{0.74 / (0.74 + 0.032)!r} {0.88 / (0.88 + 0.17)!r} {1.01 / (1.01 + 0.48)!r}"/>'
+CHECKS = '<texture type="checkerboard" name="{}"><rgb name="color0" value="{}"/><rgb name="color1" value="{}"/></texture>'
 
 
 def read(folder: Path, version: str, body: str) -> tuple[vr.Scene, str]:
@@ -73,20 +82,28 @@ CASES = {
     "scale of a texture by id": ('<texture type="bitmap" id="t">' + FILE.format("a.png") + "</texture>" + TEXTURE.format("scale", '<ref id="t"/><float name="scale" value="0.5"/>'), TEXTURE.format("bitmap", FILE.format("a.png") + '<float name="scale" value="0.5"/>'), ""),
     "scale of a later texture": (TEXTURE.format("scale", '<ref id="t"/><float name="scale" value="0.5"/>') + '<texture type="bitmap" id="t"><string name="wrapMode" value="zero"/>' + FILE.format("a.png") + "</texture>", TEXTURE.format("bitmap", FILE.format("a.png") + '<float name="scale" value="0.5"/><string name="wrap_mode" value="clamp"/>'), "beyond its edge"),
     "wrap u and v": (TEXTURE.format("bitmap", FILE.format("a.png") + '<string name="wrapModeU" value="mirror"/><string name="wrapModeV" value="clamp"/>'), TEXTURE.format("bitmap", FILE.format("a.png") + '<string name="wrap_mode" value="mirror"/>'), "wrap mode mirror in u and v"),
-    "border": (BALL.format('<medium type="homogeneous" name="interior"/>'), FOG.format("homogeneous", SKIN), ""),
-    "border by id": ('<medium type="homogeneous" id="fog"/>' + BALL.format('<ref id="fog" name="exterior"/>'), BALL.format('<bsdf type="null"/><medium type="homogeneous" name="exterior">' + SKIN + "</medium>"), ""),
-    "border of a lamp": (BALL.format('<medium type="homogeneous" name="interior"/><emitter type="area"/>'), BALL.format('<medium type="homogeneous" name="interior">' + SKIN + '</medium><emitter type="area"/>'), ""),
-    "border with a bsdf by id": ('<bsdf type="plastic" id="b"/>' + BALL.format('<ref id="b"/><medium type="homogeneous" name="interior"/>'), BALL.format('<bsdf type="plastic"/><medium type="homogeneous" name="interior">' + SKIN + "</medium>"), ""),
-    "rayleigh": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="rayleigh"/>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="rayleigh"/>'), ""),
-    "microflake": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="microflake"><float name="stddev" value="0.1"/></phase>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="isotropic"/>'), "phase microflake is rendered as isotropic"),
-    "mixturephase": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="mixturephase"><string name="weights" value="1, 3"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/></phase>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="blendphase"><float name="weight" value="0.75"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/></phase>'), ""),
-    "mixture of three": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="mixturephase"><string name="weights" value="0.5, 0.25, 0.25"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/><phase type="rayleigh"/></phase>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="blendphase"><float name="weight" value="0.5"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="blendphase"><float name="weight" value="0.5"/><phase type="isotropic"/><phase type="rayleigh"/></phase></phase>'), ""),
-    "material": (FOG.format("homogeneous", '<string name="material" value="Ketchup"/><float name="scale" value="2"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="0.18 0.07 0.03"/><rgb name="sigma_a" value="0.061 0.97 1.45"/><float name="scale" value="2"/>'), ""),
-    "no material": (FOG.format("homogeneous", ""), FOG.format("homogeneous", SKIN), ""),
-    "no absorption": (FOG.format("homogeneous", '<rgb name="sigmaS" value="2"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="2"/><rgb name="sigma_a" value="0"/>'), ""),
-    "density": (FOG.format("heterogeneous", '<string name="method" value="woodcock"/>' + VOLUME.format("density") + '<float name="albedo" value="0.9"/><float name="scale" value="3"/>'), FOG.format("heterogeneous", VOLUME.format("sigma_t") + '<float name="albedo" value="0.9"/><float name="scale" value="3"/>'), ""),
-    "volcache": (FOG.format("heterogeneous", '<volume type="volcache" name="density">' + VOLUME.format("a") + "</volume>"), FOG.format("heterogeneous", VOLUME.format("sigma_t")), ""),
-    "orientation": (FOG.format("heterogeneous", VOLUME.format("density") + '<volume type="constvolume" name="orientation"><vector name="value" x="1"/></volume>'), FOG.format("heterogeneous", VOLUME.format("sigma_t")), "orientation is left out"),
+    "border": (BALL.format('<medium type="homogeneous" name="interior"/>'), FOG.format("homogeneous", SKIN), MANUAL),
+    "border by id": ('<medium type="homogeneous" id="fog"/>' + BALL.format('<ref id="fog" name="exterior"/>'), BALL.format('<bsdf type="null"/><medium type="homogeneous" name="exterior">' + SKIN + "</medium>"), MANUAL),
+    "border of a lamp": (BALL.format('<medium type="homogeneous" name="interior"/><emitter type="area"/>'), BALL.format('<medium type="homogeneous" name="interior">' + SKIN + '</medium><emitter type="area"/>'), MANUAL),
+    "border with a bsdf by id": ('<bsdf type="plastic" id="b"/>' + BALL.format('<ref id="b"/><medium type="homogeneous" name="interior"/>'), BALL.format('<bsdf type="plastic"/><medium type="homogeneous" name="interior">' + SKIN + "</medium>"), MANUAL),
+    "rayleigh": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="rayleigh"/>'), FOG.format("homogeneous", SKIN_SHARE + '<spectrum name="sigma_t" value="1"/><phase type="rayleigh"/>'), ""),
+    "microflake": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="microflake"><float name="stddev" value="0.1"/></phase>'), FOG.format("homogeneous", SKIN_SHARE + '<spectrum name="sigma_t" value="1"/><phase type="isotropic"/>'), "phase microflake is rendered as isotropic"),
+    "mixturephase": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="mixturephase"><string name="weights" value="1, 3"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/></phase>'), FOG.format("homogeneous", SKIN_SHARE + '<spectrum name="sigma_t" value="1"/><phase type="blendphase"><float name="weight" value="0.75"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/></phase>'), ""),
+    "mixture of three": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="mixturephase"><string name="weights" value="0.5, 0.25, 0.25"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/><phase type="rayleigh"/></phase>'), FOG.format("homogeneous", SKIN_SHARE + '<spectrum name="sigma_t" value="1"/><phase type="blendphase"><float name="weight" value="0.5"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="blendphase"><float name="weight" value="0.5"/><phase type="isotropic"/><phase type="rayleigh"/></phase></phase>'), ""),
+    "material": (FOG.format("homogeneous", '<string name="material" value="Ketchup"/><float name="scale" value="2"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="0.18 0.07 0.03"/><rgb name="sigma_a" value="0.061 0.97 1.45"/><float name="scale" value="2"/>'), MANUAL),
+    "no material": (FOG.format("homogeneous", MANUAL), FOG.format("homogeneous", SKIN), MANUAL),
+    "scattering alone": (FOG.format("homogeneous", '<rgb name="sigmaS" value="2"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="2"/><rgb name="sigma_a" value="0.032 0.17 0.48"/>'), "sigma_a of material skin1 in 1/mm"),
+    "absorption alone of a material": (FOG.format("homogeneous", '<rgb name="sigmaA" value="2"/><string name="material" value="marble"/>'), FOG.format("homogeneous", '<rgb name="sigma_a" value="2"/><rgb name="sigma_s" value="2.19 2.62 3.00"/>'), "sigma_s of material marble in 1/mm"),
+    "albedo alone": (FOG.format("homogeneous", '<rgb name="albedo" value="0.5"/>'), FOG.format("homogeneous", f'<rgb name="albedo" value="0.5"/><rgb name="sigma_t" value="{0.74 + 0.032!r} {0.88 + 0.17!r} {1.01 + 0.48!r}"/>'), MANUAL),
+    "both coefficients": (FOG.format("homogeneous", '<rgb name="sigmaS" value="2"/><rgb name="sigmaA" value="1"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="2"/><rgb name="sigma_a" value="1"/>'), ""),
+    "checks as opacity": (BALL.format('<bsdf type="mask">' + CHECKS.format("opacity", "1", "0.25") + '<bsdf type="diffuse"/></bsdf>'), BALL.format('<bsdf type="mask">' + CHECKS.format("opacity", "0.25", "1") + '<bsdf type="diffuse"/></bsdf>'), ""),
+    "checks as weight": (BALL.format('<bsdf type="blendbsdf">' + CHECKS.format("weight", "1", "0.25") + '<bsdf type="diffuse"/><bsdf type="plastic"/></bsdf>'), BALL.format('<bsdf type="blendbsdf">' + CHECKS.format("weight", "0.25", "1") + '<bsdf type="diffuse"/><bsdf type="plastic"/></bsdf>'), ""),
+    "checks as weight before a blend": (BALL.format('<bsdf type="blendbsdf">' + CHECKS.format("weight", "1", "0.25") + '<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="diffuse"/><bsdf type="plastic"/></bsdf><bsdf type="conductor"/></bsdf>'), BALL.format('<bsdf type="blendbsdf">' + CHECKS.format("weight", "0.25", "1") + '<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="diffuse"/><bsdf type="plastic"/></bsdf><bsdf type="conductor"/></bsdf>'), ""),
+    "scale of checks above 1": (TEXTURE.format("scale", '<float name="scale" value="2"/><texture type="checkerboard"><rgb name="color0" value="0.25"/><rgb name="color1" value="0.75"/></texture>'), TEXTURE.format("checkerboard", '<rgb name="color0" value="0.5"/><rgb name="color1" value="1"/>'), "color1 above 1 is 1"),
+    "scale of lines": (TEXTURE.format("scale", '<float name="scale" value="0.5"/><texture type="wireframe"><rgb name="interiorColor" value="0.5"/></texture>'), TEXTURE.format("checkerboard", '<rgb name="color0" value="0.25"/><rgb name="color1" value="0.25"/>'), "without its lines"),
+    "density": (FOG.format("heterogeneous", '<string name="method" value="woodcock"/>' + VOLUME.format("density") + '<float name="albedo" value="0.9"/><float name="scale" value="3"/>'), FOG.format("heterogeneous", PLACED.format("sigma_t") + '<float name="albedo" value="0.9"/><float name="scale" value="3"/>'), BEYOND),
+    "volcache": (FOG.format("heterogeneous", '<volume type="volcache" name="density">' + VOLUME.format("a") + "</volume>"), FOG.format("heterogeneous", PLACED.format("sigma_t")), BEYOND),
+    "orientation": (FOG.format("heterogeneous", VOLUME.format("density") + '<volume type="constvolume" name="orientation"><vector name="value" x="1"/></volume>'), FOG.format("heterogeneous", PLACED.format("sigma_t")), "orientation is left out"),
     "filter": (LENS.format('<sensor type="perspective"><float name="fov" value="40"/><film type="video"><rfilter type="wsinc"/></film></sensor>'), LENS.format(SENSOR), 'rfilter "wsinc" is not known'),
     "sampler": (LENS.format('<sensor type="perspective"><float name="fov" value="40"/><sampler type="haltonsampler"><integer name="sampleCount" value="9"/></sampler></sensor>'), LENS.format('<sensor type="perspective"><float name="fov" value="40"/><sampler type="independent"><integer name="sample_count" value="9"/></sampler></sensor>'), ""),
     "distorted camera": (LENS.format('<sensor type="perspective_rdist"><float name="fov" value="40"/><string name="kc" value="0.1, 0.2"/></sensor>'), LENS.format(SENSOR), "without its distortion"),
@@ -234,10 +251,196 @@ def test_colours_of_bytes(folder: Path) -> None:
         + FILE.format("a.ply")
         + '<bsdf type="diffuse"><texture type="vertexcolors" name="reflectance"/></bsdf></shape>'
     )
-    found, _ = read(folder, "0.6.0", body)
+    for said, value in (
+        ("", ((0.2 + 0.055) / 1.055) ** 2.4),  # 51 of 255; version 0.x takes them as sRGB
+        ('<boolean name="srgb" value="true"/>', ((0.2 + 0.055) / 1.055) ** 2.4),
+        ('<boolean name="srgb" value="false"/>', 0.2),
+    ):
+        found, told = read(folder, "0.6.0", body.replace("<bsdf", said + "<bsdf"))
+        expected = [[1, 0, value], [0, 1, 0], [0, 0, 1]]
+        np.testing.assert_allclose(found.attribute_values, expected, rtol=1e-6)
+        assert not told
+    half = '<texture type="scale" name="reflectance"><float name="scale" value="0.5"/><texture type="vertexcolors"/></texture>'
+    scaled, _ = read(folder, "0.6.0", re.sub("<texture.*?/>", half, body))
     np.testing.assert_allclose(
-        found.attribute_values, [[1, 0, 0.2], [0, 1, 0], [0, 0, 1]], rtol=1e-6
+        scaled.attribute_values[0], [0.5, 0, 0.5 * ((0.2 + 0.055) / 1.055) ** 2.4], rtol=1e-6
     )
+
+
+def grid(folder: Path, cells: Any, content: str = "") -> tuple[Any, str]:
+    """What takes the unit cube of a density to the world, and the warnings; its file's box is from
+    (-1, 0, 2) to (1, 3, 2.5)."""
+    head = b"VOL\3" + np.array([1, *cells.shape[::-1], 1], "<i4").tobytes()
+    box = np.array([-1, 0, 2, 1, 3, 2.5], "<f4").tobytes()
+    (folder / "b.vol").write_bytes(head + box + cells.astype("<f4").tobytes())
+    volume = f'<volume name="density" type="gridvolume">{FILE.format("b.vol")}{content}</volume>'
+    body = FOG.format("heterogeneous", volume + '<float name="albedo" value="0.5"/>')
+    scene, told = read(folder, "0.6.0", body)
+    return np.asarray(scene.grid_to_world).reshape(3, 4), told
+
+
+def test_a_grid_fills_its_box_from_corner_to_corner(folder: Path) -> None:
+    """The centres of the outer cells lie on the corners of the box."""
+    cells = np.ones((4, 2, 3))
+    ends = '<point name="min" x="1" y="2" z="3"/><point name="max" value="2, 4, 6"/>'
+    moved = '<transform name="toWorld"><scale value="2"/><translate x="1"/></transform>'
+    for content, low, high in (
+        ("", [-1, 0, 2], [1, 3, 2.5]),
+        (ends, [1, 2, 3], [2, 4, 6]),
+        (ends + moved, [3, 4, 6], [5, 8, 12]),
+        (moved, [-1, 0, 4], [3, 6, 5]),
+    ):
+        matrix, told = grid(folder, cells, content)
+        first = 0.5 / np.array([3, 2, 4])
+        np.testing.assert_allclose(matrix @ [*first, 1], low, atol=1e-6)
+        np.testing.assert_allclose(matrix @ [*(1 - first), 1], high, atol=1e-6)
+        assert "b.vol" not in told and BEYOND in told
+    inner = np.zeros((3, 3, 3))
+    inner[1, 1, 1] = 1
+    assert not grid(folder, inner)[1]
+
+
+def test_version_3_of_0(folder: Path) -> None:
+    """What version 0.4 changed, and that older files are refused."""
+    fog = '<shape type="sphere"><bsdf type="null"/><medium type="homogeneous" name="interior"><rgb name="sigmaS" value="1"/><rgb name="sigmaA" value="1"/><float name="{}" value="4"/></medium></shape>'
+    at = '<lookAt origin="0 0 5" target="0 0 0" up="0 1 0"/></transform>'
+    old = (
+        f'<camera type="thinlens"><float name="apertureRadius" value="0.1"/><float name="focusDepth" value="3"/><float name="fov" value="40"/><transform name="toWorld">{at}</camera>'
+        '<luminaire type="constant"><rgb name="intensity" value="3"/></luminaire>'
+        '<luminaire type="directional"><rgb name="intensity" value="2"/><vector name="direction" z="1"/></luminaire>'
+    ) + fog.format("densityMultiplier")
+    new = (
+        f'<sensor type="thinlens"><float name="apertureRadius" value="0.1"/><float name="focusDistance" value="3"/><float name="fov" value="40"/><string name="fovAxis" value="smaller"/><transform name="toWorld"><scale x="-1"/>{at}</sensor>'
+        '<emitter type="constant"><rgb name="radiance" value="3"/></emitter>'
+        '<emitter type="directional"><rgb name="irradiance" value="2"/><vector name="direction" z="1"/></emitter>'
+    ) + fog.format("scale")
+    expected = read(folder, "0.4.0", new)
+    for version in ("0.3.0", "0.3"):
+        found, told = read(folder, version, old)
+        assert found.sha256 == expected[0].sha256
+        assert told.replace(version, "0.4.0") == expected[1]
+    scene, _ = read(
+        folder,
+        "0.3.0",
+        '<camera type="perspective"/><luminaire type="envmap"><string name="filename" value="a.png"/><float name="intensityScale" value="2"/></luminaire>',
+    )
+    other, _ = read(
+        folder,
+        "0.3.0",
+        '<camera type="perspective"/><luminaire type="envmap"><string name="filename" value="a.png"/></luminaire>',
+    )
+    np.testing.assert_array_equal(scene.sky_texels, 2 * other.sky_texels)
+    for version in ("0.2.9", "0.1", "0"):
+        with pytest.raises(SceneError, match=":1: version = .*expected 0.3.0 or later"):
+            read(folder, version, new)
+
+
+def test_an_axis_of_any_length(folder: Path) -> None:
+    """Version 0.x takes its direction alone."""
+    turn = '<transform name="{}"><rotate angle="50" x="{}" y="{}"/></transform>'
+    found, told = read(folder, "0.6.0", BALL.format(turn.format("toWorld", 3, 4)))
+    expected, _ = read(folder, "3.0.0", BALL.format(turn.format("to_world", 3 / 5, 4 / 5)))
+    assert found.sha256 == expected.sha256 and not told
+
+
+def test_the_ground_of_a_sky(folder: Path) -> None:
+    """Its albedo is 0.2 where none is given."""
+    for plugin in ("sky", "sunsky"):
+        body = (
+            SENSOR + f'<emitter type="{plugin}"><vector name="sunDirection" y="1"/>{{}}</emitter>'
+        )
+        found, said, other = (
+            read(folder, "0.6.0", body.format(text))[0].sha256
+            for text in ("", *(f'<spectrum name="albedo" value="{x}"/>' for x in (0.2, 0.3)))
+        )
+        assert found == said != other
+
+
+def test_a_sky_and_a_sun_that_are_unlike(folder: Path) -> None:
+    """Both lines are named, and in what they differ."""
+    at = '<vector name="sunDirection" x="1" y="2" z="3"/>'
+    turned = '<transform name="toWorld"><rotate y="1" angle="90"/></transform>'
+    for sky, sun, unlike in (
+        (at, at.replace('"1"', '"1.0"'), ""),
+        (at, at + '<float name="turbidity" value="3"/>', ""),
+        (at, at + '<float name="turbidity" value="5"/>', "turbidity"),
+        (at, "", "sunDirection"),
+        (at, at + turned, "toWorld"),
+    ):
+        body = f'{SENSOR}<emitter type="sky">{sky}</emitter>\n<emitter type="sun">{sun}</emitter>'
+        told = read(folder, "0.6.0", body)[1]
+        assert ("unlike" in told) == bool(unlike)
+        assert "its sun is brighter than" in told
+        if unlike:
+            assert "0.6.0.xml:3: emitters sun and sky (" in told and "0.6.0.xml:2)" in told
+            assert f'are one sunsky, but unlike in "{unlike}": ' in told
+
+
+def test_a_dipole_of_a_phase_and_an_index(folder: Path) -> None:
+    """(a / 2) (1 + e^(-4 A s / 3)) e^(-s) of the reduced albedo and the index named."""
+
+    def expected(scattering: float, absorption: float, eta: float) -> float:
+        inside = -1.44 / eta**2 + 0.71 / eta + 0.668 + 0.0636 * eta if eta != 1 else 0.0
+        a = scattering / (scattering + absorption)
+        s = math.sqrt(3 * (1 - a))
+        ratio = (1 + inside) / (1 - inside)
+        return a / 2 * (1 + math.exp(-4 / 3 * ratio * s)) * math.exp(-s)
+
+    own = '<rgb name="sigmaS" value="10"/><rgb name="sigmaA" value="1"/>'
+    bk7 = '<string name="intIOR" value="bk7"/>'
+    for content, value in (
+        (own, expected(10, 1, 1.3)),
+        (own + '<float name="g" value="0.9"/>', expected(1, 1, 1.3)),
+        (own + bk7, expected(10, 1, 1.5046 / 1.000277)),
+        (own + bk7 + '<string name="extIOR" value="bk7"/>', expected(10, 1, 1)),
+        (
+            own + '<float name="intIOR" value="1.5"/><float name="extIOR" value="1.2"/>',
+            expected(10, 1, 1.25),
+        ),
+        ('<string name="material" value="marble"/>', expected(2.19, 0.0021, 1.5)),
+        ('<string name="material" value="apple"/>', expected(2.29, 0.003, 1.3)),
+    ):
+        body = BALL.format(f'<subsurface type="dipole">{content}</subsurface>')
+        scene, _ = read(folder, "0.6.0", body)
+        assert math.isclose(scene.reflectance[0][0], value, rel_tol=1e-6)
+    with pytest.raises(SceneError, match="xml:2: .*subsurface"):
+        read(
+            folder,
+            "0.6.0",
+            BALL.format(f'<subsurface type="dipole">{own}<float name="g" value="1"/></subsurface>'),
+        )
+
+
+@pytest.mark.parametrize(
+    ("held", "defined", "warning"),
+    [
+        ('<ref id="t" name="diffuseReflectance"/>', '<texture type="checkerboard" id="t"><rgb name="color0" value="0.3"/><srgb name="color1" value="0.03876"/></texture>', ""),
+        ('<texture type="checkerboard" name="diffuseReflectance"><rgb name="color0" value="0.3"/><rgb name="color1" value="0.003"/></texture>', "", ""),
+        ('<texture type="checkerboard" name="diffuseReflectance"><rgb name="color0" value="0.3"/><rgb name="color1" value="$x"/></texture>', '<default name="x" value="0.003"/>', "its base 0.75 times as bright"),
+    ],
+)  # fmt: skip
+def test_the_base_of_a_phong_of_checks(folder: Path, held: str, defined: str, warning: str) -> None:
+    """What a number becomes: by 1 / (1 - 0.25)."""
+    mirrors = '<rgb name="specularReflectance" value="0.25"/>'
+    body = defined + BALL.format(f'<bsdf type="phong">{held}{mirrors}</bsdf>')
+    scene, told = read(folder, "0.6.0", body)
+    factor = 1.0 if warning else 1 / 0.75
+    np.testing.assert_allclose(scene.texture_color0[0], 0.3 * factor, rtol=1e-6)
+    np.testing.assert_allclose(scene.texture_color1[0], 0.003 * factor, rtol=1e-6)
+    assert warning in told
+
+
+def test_materials_of_an_obj_are_told(folder: Path) -> None:
+    """Where its shape has no bsdf, and the file is there."""
+    (folder / "m.obj").write_text("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    body = SENSOR + LIGHT + '<shape type="obj">' + FILE.format("m.obj") + "{}</shape>"
+    assert not read(folder, "0.6.0", body.format(""))[1]
+    (folder / "m.mtl").write_text("newmtl a\nKd 1 0 0\n")
+    told = read(folder, "0.6.0", body.format(""))[1]
+    assert '0.6.0.xml:2: obj: version 0.x took the materials of "m.mtl"' in told
+    assert "m.mtl" in read(folder, "0.6.0", body.format('<emitter type="area"/>'))[1]
+    assert not read(folder, "0.6.0", body.format('<bsdf type="plastic"/>'))[1]
+    assert not read(folder, "3.0.0", body.format(""))[1]
 
 
 def test_today_refuses_what_is_old(folder: Path) -> None:

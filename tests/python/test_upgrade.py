@@ -19,6 +19,11 @@ from veriray.formats import upgrade
 
 SENSOR = '<sensor type="perspective"><float name="fov" value="40"/></sensor>'
 LIGHT = '<emitter type="constant"/>'
+#: What is said of relief: version 0.x neither flipped normals nor had a function for shadows.
+UNSHADED = (
+    '<boolean name="flip_invalid_normals" value="false"/>'
+    '<boolean name="use_shadowing_function" value="false"/>'
+)
 
 
 def read(folder: Path, version: str, body: str) -> vr.Scene:
@@ -95,6 +100,12 @@ SAME = {
         '<shape type="cube"><bsdf type="mask"><spectrum name="opacity" value="0.3"/>'
         '<bsdf type="diffuse"/></bsdf></shape>',
         '<shape type="cube"><bsdf type="mask"><float name="opacity" value="0.3"/>'
+        '<bsdf type="diffuse"/></bsdf></shape>',
+    ),
+    "opacity of sRGB": (
+        '<shape type="cube"><bsdf type="mask"><srgb name="opacity" value="0.5"/>'
+        '<bsdf type="diffuse"/></bsdf></shape>',
+        f'<shape type="cube"><bsdf type="mask"><float name="opacity" value="{((0.5 + 0.055) / 1.055) ** 2.4!r}"/>'
         '<bsdf type="diffuse"/></bsdf></shape>',
     ),
     "alias": (
@@ -244,7 +255,8 @@ def test_texture_placement_scales_first_as_mitsuba_0() -> None:
     )
     assert text == (
         '<scene><texture type="checkerboard"><transform name="to_uv"><scale x="3" y="1"/>'
-        '<translate x=".25" y="0"/></transform></texture></scene>'
+        '<translate x=".25" y="0"/></transform><boolean name="in_order" value="true"/>'
+        "</texture></scene>"
     )
     assert notes == [("uoffset, voffset, uscale and vscale are to_uv", "f.xml:1")]
 
@@ -277,7 +289,7 @@ def test_normal_maps_and_conductors() -> None:
     )
     assert text == (
         '<scene><bsdf type="normalmap"><texture name="normalmap" type="bitmap"/>'
-        '<bsdf type="conductor"><float name="ext_eta" value="1.333"/></bsdf></bsdf></scene>'
+        f'<bsdf type="conductor"><float name="ext_eta" value="1.333"/></bsdf>{UNSHADED}</bsdf></scene>'
     )
     assert "bsdf conductor of no material is a mirror" in " ".join(note for note, _ in notes)
 
@@ -307,7 +319,7 @@ def test_the_scale_of_a_bump_map() -> None:
     )
     assert text == (
         '<bsdf type="bumpmap"><texture type="bitmap"/><bsdf type="diffuse"/>'
-        '<float name="scale" value="50"/></bsdf>'
+        f'{UNSHADED}<float name="scale" value="50"/></bsdf>'
     )
 
 
@@ -364,6 +376,13 @@ def test_integrators_of_the_same_expectation(name: str) -> None:
     assert any("has the same expectation" in note for note, _ in notes)
     inner = f'<integrator type="{name}"/><medium type="homogeneous"/>'
     assert 'type="volpath"' in upgraded(f"<scene>{inner}</scene>")[0]
+
+
+def test_points_of_light_end_at_depth_5() -> None:
+    for held, depth in (("", 5), ('<integer name="maxDepth" value="9"/>', 9)):
+        text, _ = upgraded(f'<scene><integrator type="vpl">{held}</integrator></scene>')
+        assert f'<integer name="max_depth" value="{depth}"/></integrator>' in text
+        assert text.count("max_depth") == 1
 
 
 def test_adaptive_is_what_it_holds() -> None:
@@ -425,6 +444,8 @@ def number(name: str, value: object) -> str:
 
 BECKMANN = '<string name="distribution" value="beckmann"/>'
 BITMAP = '<texture type="bitmap" name="{}"/>'
+BRIGHTER = " ".join([repr(1 / (1 - 0.25))] * 3)
+BK7 = '<string name="int_ior" value="bk7"/>'
 ROUGH_METAL = bsdf("roughconductor", '<string name="material" value="Cu"/>', number("alpha", 0.2))
 COPPER = '<string name="material" value="Cu"/>'
 #: What Mitsuba 0.x has -> what stands for it, and what is said; sqrt(2 / (4 n + 2)) = 0.1 for 49.5.
@@ -441,8 +462,28 @@ APPROXIMATED = {
     ),
     "phong of a texture": (
         bsdf("phong", number("exponent", 49.5), BITMAP.format("diffuseReflectance"), rgb("specularReflectance", "0.25")),
-        bsdf("roughplastic", BITMAP.format("diffuse_reflectance"), rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        bsdf("roughplastic", f'<texture type="bitmap" name="diffuse_reflectance">{rgb("scale", BRIGHTER)}</texture>', rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
         "bsdf phong is rendered as roughplastic of alpha 0.1",
+    ),
+    "phong of a spectrum": (
+        bsdf("phong", number("exponent", 49.5), '<spectrum name="diffuseReflectance" value="400:0.375, 700:0.75"/>', rgb("specularReflectance", "0.25")),
+        bsdf("roughplastic", '<spectrum name="diffuse_reflectance" value="400:0.5 700:1.0"/>', rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        "bsdf phong is rendered as roughplastic of alpha 0.1",
+    ),
+    "phong of sRGB": (
+        bsdf("phong", number("exponent", 49.5), '<srgb name="diffuseReflectance" value="0.03876 0 0"/>', rgb("specularReflectance", "0.25")),
+        bsdf("roughplastic", rgb("specular_reflectance", "1.0 1.0 1.0"), rgb("diffuse_reflectance", f"{0.03876 / 12.92 / 0.75!r} 0.0 0.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        "bsdf phong is rendered as roughplastic of alpha 0.1",
+    ),
+    "phong of a parameter": (
+        bsdf("phong", number("exponent", 49.5), rgb("diffuseReflectance", "$x"), rgb("specularReflectance", "0.25")),
+        bsdf("roughplastic", rgb("diffuse_reflectance", "$x"), rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        "bsdf phong is rendered as roughplastic of alpha 0.1, its base 0.75 times as bright",
+    ),
+    "roughdiffuse by its other name": (
+        bsdf("roughdiffuse", rgb("diffuseReflectance", "0.1 0.2 0.3"), number("alpha", 0.2)),
+        bsdf("diffuse", rgb("reflectance", "0.1 0.2 0.3")),
+        "bsdf roughdiffuse is rendered as diffuse",
     ),
     "ward of a metal": (
         bsdf("ward", number("alphaU", 0.1), number("alphaV", 0.4), rgb("diffuseReflectance", "0"), rgb("specularReflectance", "0.5"), '<string name="variant" value="balanced"/>'),
@@ -466,12 +507,12 @@ APPROXIMATED = {
     ),
     "coating that absorbs": (
         bsdf("coating", number("thickness", 0.5), rgb("sigmaA", "0 0 1000"), bsdf("diffuse", rgb("reflectance", "0.1 0.2 0.3"))),
-        bsdf("plastic", rgb("diffuse_reflectance", "0.1 0.2 0.0")),
+        bsdf("plastic", BK7, rgb("diffuse_reflectance", "0.1 0.2 0.0")),
         "bsdf coating is rendered as plastic, with its absorption at normal incidence",
     ),
     "rough coating": (
         bsdf("roughcoating", number("alpha", 0.3), BECKMANN.replace("beckmann", "as"), bsdf("diffuse")),
-        bsdf("roughplastic", number("alpha", 0.3), BECKMANN),
+        bsdf("roughplastic", number("alpha", 0.3), BECKMANN, BK7),
         "bsdf roughcoating is rendered as roughplastic",
     ),
     "coating of metal": (

@@ -5,8 +5,9 @@
   a lobe of exponent n about the mirrored direction is one of 4 n about the mirrors' normals.
 - `ward`: likewise; its alpha is Beckmann's, the root of alpha_u alpha_v.
 - Either is `diffuse` if nothing mirrors, and `roughconductor` if there is no diffuse part.
-- `coating` of `diffuse`: `plastic`, and `roughcoating`: `roughplastic`. Of another BSDF: that one.
-  What lies below is darker by the coat's absorption at normal incidence, exp(-2 sigma_a thickness).
+- `coating` of `diffuse`: `plastic`, and `roughcoating`: `roughplastic`, of `bk7` if of no other
+  index. Of another BSDF: that one. What lies below is darker by the coat's absorption at normal
+  incidence, exp(-2 sigma_a thickness).
 - `roughdiffuse`: `diffuse`. The distributions `phong` and `as` of rough surfaces: `beckmann`.
 
 Each is a warning that names its line.
@@ -23,6 +24,8 @@ from math import sqrt
 from lxml import etree
 from lxml.etree import _Element
 
+from ..errors import SceneError
+from . import spectra
 from .node import _FLOAT
 
 Warn = Callable[[str, str], None]
@@ -44,11 +47,13 @@ def approximate(
     refers to is. warn: takes a text and its place. depth: of coats on it."""
     plugin = str(element.get("type"))
     if plugin == "roughdiffuse":
+        if _named(element, "reflectance") is None:
+            _set(element, "diffuse_reflectance", None, "reflectance")
         _keep(element, "reflectance")
         element.set("type", "diffuse")
         warn("bsdf roughdiffuse is rendered as diffuse", where)
     elif plugin in ("phong", "ward"):
-        _glossy(element, plugin, where, warn)
+        _glossy(element, plugin, where, root, warn)
     elif plugin in ("coating", "roughcoating"):
         if depth:  # else it is refused as an unknown bsdf
             _coating(element, plugin, where, root, warn, depth - 1)
@@ -59,7 +64,7 @@ def approximate(
             given.set("value", "beckmann")
 
 
-def _glossy(element: _Element, plugin: str, where: str, warn: Warn) -> None:
+def _glossy(element: _Element, plugin: str, where: str, root: _Element, warn: Warn) -> None:
     base = _numbers(_named(element, "diffuse_reflectance"), 0.5)
     mirrors = _numbers(_named(element, "specular_reflectance"), 0.2)
     if plugin == "phong":
@@ -77,6 +82,7 @@ def _glossy(element: _Element, plugin: str, where: str, warn: Warn) -> None:
         _set(element, "diffuse_reflectance", base, "reflectance")
         element.set("type", "diffuse")
         return  # what it is
+    told = ""
     if base is not None and max(base) <= 0:
         _keep(element, "specular_reflectance")
         _set(element, "specular_reflectance", mirrors)
@@ -84,17 +90,44 @@ def _glossy(element: _Element, plugin: str, where: str, warn: Warn) -> None:
     else:
         _keep(element, "diffuse_reflectance", "specular_reflectance")
         normal = min(max(mirrors), _MOST) if mirrors else 0.2
-        root = sqrt(normal)
+        index = (1 + sqrt(normal)) / (1 - sqrt(normal))
         if mirrors:
             _set(element, "specular_reflectance", tuple(x / max(mirrors) for x in mirrors))
         if base:
             _set(element, "diffuse_reflectance", tuple(min(x / (1 - normal), 1.0) for x in base))
+        elif (held := _named(element, "diffuse_reflectance")) is not None:
+            told = _brighter(held, 1 / (1 - normal), root)
         element.set("type", "roughplastic")
-        _add(element, "float", "int_ior", repr((1 + root) / (1 - root)))
+        _add(element, "float", "int_ior", repr(index))
         _add(element, "float", "ext_ior", "1")
     _add(element, "float", "alpha", repr(alpha))
     _add(element, "string", "distribution", "beckmann")
-    warn(f"bsdf {plugin} is rendered as {element.get('type')} of alpha {alpha:.4g}", where)
+    warn(f"bsdf {plugin} is rendered as {element.get('type')} of alpha {alpha:.4g}{told}", where)
+
+
+def _brighter(given: _Element, factor: float, root: _Element) -> str:
+    """Multiplies a texture or a spectrum; returns what to say if it cannot."""
+    name, parent = str(given.get("name")), given.getparent()
+    held = _resolved(given, root, "texture") if given.tag in ("texture", "ref") else None
+    pairs = [w.split(":") for w in re.findall(r"[^\s,]+", str(given.get("value")))]
+    known = ("color0", "color1", "scale")  # None of what a parameter of the file gives
+    if held is not None and any(
+        _numbers(e, 1.0) is None for e in held.iter() if e.get("name") in known
+    ):
+        held = None
+    if held is not None and parent is not None:
+        made = etree.SubElement(parent, "texture", type="scale", name=name)
+        made.sourceline = given.sourceline
+        _add(made, "float", "scale", repr(factor))
+        parent.replace(given, made)
+        made.append(given)
+        given.attrib.pop("name")
+    elif all(len(pair) == 2 and all(map(_FLOAT.fullmatch, pair)) for pair in pairs):
+        shown = (f"{w}:{min(float(v) * factor, 1.0)!r}" for w, v in pairs)
+        given.set("value", " ".join(shown))
+    else:
+        return f", its base {1 / factor:.3g} times as bright"
+    return ""
 
 
 def _coating(
@@ -118,6 +151,8 @@ def _coating(
         names = ["int_ior", "ext_ior", "specular_reflectance"]
         names += ["alpha", "distribution"] if plugin == "roughcoating" else []
         _keep(element, *names)
+        if _named(element, "int_ior") is None:
+            _add(element, "string", "int_ior", "bk7")
         own = _named(base, "reflectance")
         if own is not None:
             own.set("name", "diffuse_reflectance")
@@ -183,7 +218,13 @@ def _numbers(element: _Element | None, default: float) -> tuple[float, ...] | No
     """Three numbers of a parameter; None if it gives others, as a texture does."""
     if element is None:
         return (default,) * 3
-    words = re.findall(r"[^\s,]+", str(element.get("value") or ""))
+    text = str(element.get("value") or "")
+    if element.tag == "srgb" or (element.tag == "rgb" and "#" in text):
+        try:
+            return spectra.srgb(text, "", "")
+        except SceneError:
+            return None
+    words = re.findall(r"[^\s,]+", text)
     plain = element.tag in ("rgb", "spectrum", "float", "integer")
     if not plain or len(words) not in (1, 3) or not all(map(_FLOAT.fullmatch, words)):
         return None

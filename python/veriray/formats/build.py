@@ -338,17 +338,17 @@ class _Builder:
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""
-        first: dict[tuple[str, float | None], int] = {}
+        first: dict[tuple[str, float, bool], int] = {}
         blocks: list[Array] = []
         for _, _, row in self.tables.rows["textures"].values():
             attribute = row.get("attribute")
             if attribute is None:
                 continue
-            key = attribute.name, attribute.scale
+            key = attribute.key
             if key not in first:
                 first[key] = sum(map(len, blocks))
                 of = "vertices" if attribute.name.startswith("vertex_") else "triangles"
-                blocks.append(shapes.attribute(*key, len(shown[of])))
+                blocks.append(shapes.attribute(key, len(shown[of])))
             row["texture_first"] = first[key]
         for text, place in shapes.warned:
             self.report.warn(text, place)
@@ -561,6 +561,12 @@ class _Builder:
         coloured = len(set(row["sigma_t"])) > 1
         if "sigma_t" in grids:
             coloured |= grids["sigma_t"].cells.shape[3] > 1
+            if grids["sigma_t"].beyond():
+                text = "half a cell beyond its box is as at its edge, but empty in version 0.x"
+                self.report.warn(
+                    f"gridvolume: {text}; it counts where its shape is larger than the box",
+                    grids["sigma_t"].node.where,
+                )
         self.media.append((node, coloured))
         for name, grid in grids.items():
             row[f"{name}_grid"] = self.tables.index("grids", grid.node, self.grids.placed(grid))

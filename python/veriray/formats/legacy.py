@@ -1,20 +1,28 @@
 """What Mitsuba 0.x had and today has not, in today's terms or by what is nearest: see `upgrade`.
 
-Without loss: `sky`, `sun` and `sunsky`, whose up is +y, as `sunsky`; `difftrans` as a
-`principledthin` that only lets through; `volcache` as what it holds; `density` of a medium as its
-`sigma_t`; materials by name as their numbers; samplers and films of any other name; a spectrum of
-30 numbers as bins from 360 to 830 nm; a shape with a medium and nothing that says what its surface
-is as a `null` border.
+Without loss: `sky`, whose up is +y and whose ground has the albedo 0.2 unless it says otherwise,
+as `sunsky`; `difftrans` as a `principledthin` that only lets through; `vertexcolors` of PLY files,
+sRGB unless `srgb` is false; a `gridvolume` in the box of its file, or from `min` to `max`, with its
+outer samples on the box; checks in their order where one number is wanted, too; `volcache` as what
+it holds; `density` of a medium as its `sigma_t`; samplers and films of any other name; a spectrum
+of 30 numbers as bins from 360 to 830 nm; a shape with a medium and nothing that says what its
+surface is as a `null` border.
 
 With a warning that names the line, as the light differs:
 
 - textures: `scale` of a bitmap, by a number or a colour, clips above 1; `gridtexture` and
   `wireframe` by the colour between their lines; `wrapMode` `zero` and `one` as `clamp`, two modes
   as that of u, a gamma as sRGB;
+- emitters: `sun` and `sunsky`, whose sun is brighter; a `sky` and a `sun` that are unlike, as one
+  `sunsky`; of a `gridvolume` half a cell beyond its box, where more than 0 is there;
+- media: coefficients that are not given are those of `material`, or of `skin1`, in 1/mm, as the
+  manual says; the program took 100 times as much;
+- OBJ files without a bsdf: the materials of their library are not read;
 - bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo;
 - a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
   e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +
-  0.710 / eta + 0.668 + 0.0636 eta (Jensen, Marschner, Levoy and Hanrahan 2001);
+  0.710 / eta + 0.668 + 0.0636 eta (Jensen, Marschner, Levoy and Hanrahan 2001); the albedo is the
+  reduced one, by `g`, and eta is `intIOR` by `extIOR`, or 1.3 (marble: 1.5) if none is named;
 - phase functions: `kkay` and `microflake` as `isotropic`; `mixturephase` as blends, without loss;
 - sensors `perspective_rdist` and `telecentric` without distortion and blur; integrators `ao` and
   `field` by the light that `path` renders; an `animation` as its first transform;
@@ -31,7 +39,7 @@ from lxml.etree import _Element
 
 from . import legacy_media
 from .approximate import _add, _named, _numbers, _resolved, _set
-from .node import shorten
+from .node import _FLOAT, shorten
 from .plugins import PLUGINS
 
 if TYPE_CHECKING:
@@ -44,11 +52,16 @@ _ELEMENTS = {"luminaire": "emitter", "camera": "sensor", "lookAt": "lookat"}
 #: up y and south z.
 _TURN = "0 1 0 0 0 0 1 0 1 0 0 0 0 0 0 1"
 _APERTURE = 0.5358
+#: Of version 0.3 -> of 0.4.
+_EARLY = {"densityMultiplier": "scale", "intensityScale": "scale", "focusDepth": "focusDistance"}
+#: Parameters that a sky and a sun have each for itself, and those that change no light.
+_OWN = ("scale", "sunRadiusScale", "albedo", "stretch", "extend", "resolution", "samplingWeight")
 _SUN_LEFT_OUT = ("stretch", "extend", "resolution", "cache")
 
 
-def elements(root: _Element, file: str, notes: Notes) -> None:
-    """Renames elements under `root`, and takes away those that have no counterpart."""
+def elements(root: _Element, file: str, notes: Notes, early: bool) -> None:
+    """Renames elements under `root`, and takes away those that have no counterpart. early: of
+    version 0.3."""
     for element in list(root.iter()):
         where = f"{file}:{element.sourceline}"
         if element.tag in ("luminaire", "camera"):
@@ -56,6 +69,8 @@ def elements(root: _Element, file: str, notes: Notes) -> None:
             element.tag = _ELEMENTS[element.tag]
         elif element.tag == "animation":
             _animation(element, where, notes)
+    for element in list(root.iter("sensor", "emitter", "medium")) if early else ():
+        _early(element)
     skies = [e for e in root.iter("emitter") if e.get("type") in ("sky", "sun")]
     if sorted(str(e.get("type")) for e in skies) == ["sky", "sun"]:
         _one_sky(skies, file, notes)
@@ -139,10 +154,51 @@ def _animation(element: _Element, where: str, notes: Notes) -> None:
     notes.approximated.append(("animation: its first transform counts; nothing moves", where))
 
 
+def _early(element: _Element) -> None:
+    """What version 0.4 changed."""
+    for old, new in _EARLY.items():
+        _rename(element, old, new)
+    lamp = element.get("type") if element.tag == "emitter" else ""
+    if lamp in ("constant", "directional"):
+        _rename(element, "intensity", "radiance" if lamp == "constant" else "irradiance")
+    if element.tag != "sensor":
+        return
+    place = _named(element, "toWorld")
+    if place is None:
+        place = etree.SubElement(element, "transform", name="toWorld")
+        place.sourceline = element.sourceline
+    mirror = etree.Element("scale", x="-1")
+    mirror.sourceline = element.sourceline
+    place.insert(0, mirror)
+    side = _named(element, "mapSmallerSide")
+    if side is not None:
+        element.remove(side)
+    if str(element.get("type")).startswith(("perspective", "thinlens")):
+        larger = side is not None and side.get("value") == "false"
+        if _named(element, "fovAxis") is None:
+            _add(element, "string", "fovAxis", "larger" if larger else "smaller")
+
+
+def _said(element: _Element, name: str) -> list[str]:
+    """What the parameter of a sky or a sun says, in words."""
+    child = _named(element, name)
+    if child is None:
+        return ["3.0"] if name == "turbidity" else []
+    words = [w for e in child.iter() for k, v in e.items() if k != "name" for w in (k, *v.split())]
+    words = [repr(float(w)) if _FLOAT.fullmatch(w) else w for w in words]
+    return words[1:] if name == "turbidity" else words
+
+
 def _one_sky(skies: list[_Element], file: str, notes: Notes) -> None:
     """A sky and a sun as one sunsky."""
     sky, sun = sorted(skies, key=lambda e: str(e.get("type")))
     where = f"{file}:{sun.sourceline}"
+    both = dict.fromkeys(str(c.get("name")) for c in (*sky, *sun))
+    unlike = [n for n in both if n not in _OWN and _said(sky, n) != _said(sun, n)]
+    if unlike:
+        text = f"emitters sun and sky ({file}:{sky.sourceline}) are one sunsky, but unlike in "
+        text += f"{', '.join(map(shorten, unlike))}: the sky's counts for both, or the only one"
+        notes.approximated.append((text, where))
     for child in list(sun):
         name = str(child.get("name"))
         if name == "scale":
@@ -164,6 +220,11 @@ def _sunsky(element: _Element, where: str, notes: Notes) -> None:
         _rename(element, "scale", own)
         _add(element, "float", "sun_scale" if plugin == "sky" else "sky_scale", "0")
     element.set("type", "sunsky")
+    if plugin != "sky":
+        text = f"emitter {plugin}: its sun is brighter than version 0.x's, which had another model"
+        notes.approximated.append((text, where))
+    if plugin != "sun" and _named(element, "albedo") is None:
+        _add(element, "rgb", "albedo", "0.2")
     radius = _named(element, "sun_radius_scale")
     if radius is not None:
         factor = (_numbers(radius, 1.0) or (1.0,))[0]
@@ -233,16 +294,31 @@ def _scaled(element: _Element, where: str, notes: Notes, depth: int = 8) -> None
             _set(element, one, made)
         return
     held = inner[0]
+    if held.get("type") in ("gridtexture", "wireframe"):
+        _grid(held, where, notes)
     if held.get("type") == "checkerboard":
         for one, default in (("color0", 0.4), ("color1", 0.2)):
             colour = _numbers(_named(held, one), default)
-            if colour is not None:
-                _set(held, one, tuple(a * b for a, b in zip(colour, factor, strict=True)))
+            if colour is None:
+                return
+            made = tuple(a * b for a, b in zip(colour, factor, strict=True))
+            if parent.tag == "bsdf" and max(made) > 1:
+                notes.approximated.append((f"texture scale: {one} above 1 is 1", where))
+                made = tuple(min(x, 1.0) for x in made)
+            _set(held, one, made)
     elif held.get("type") == "bitmap":
         before = _numbers(_named(held, "scale"), 1.0)
         if before is None:
             return
         _set(held, "scale", tuple(a * b for a, b in zip(before, factor, strict=True)))
+    elif held.get("type") == "mesh_attribute" and len(set(factor)) == 1:
+        if parent.tag == "bsdf" and factor[0] > 1:
+            notes.approximated.append(("texture scale: colours above 1 are 1", where))
+        before, own = (1.0,) * 3, _named(held, "scale")
+        if own is not None:
+            before = _numbers(own, 1.0) or before
+            held.remove(own)
+        _add(held, "float", "scale", repr(before[0] * factor[0]))
     elif factor != (1.0,) * 3:
         return
     for key in ("name", "id"):
@@ -279,6 +355,10 @@ def _colours(element: _Element, where: str, notes: Notes) -> None:
     _add(element, "boolean", "bytes", "true")
 
 
+def _checks(element: _Element, where: str, notes: Notes) -> None:
+    _add(element, "boolean", "in_order", "true")
+
+
 def _lamp(element: _Element, where: str, notes: Notes) -> None:
     _rename(element, "intensity", "radiance")
 
@@ -302,9 +382,11 @@ _OBJECTS: dict[tuple[str, str], Callable[[_Element, str, Notes], None]] = {
     ("texture", "scale"): _scaled,
     ("texture", "bitmap"): _bitmap,
     ("texture", "mesh_attribute"): _colours,
+    ("texture", "checkerboard"): _checks,
     **{("phase", name): _warned("isotropic") for name in ("kkay", "microflake")},
     ("phase", "mixturephase"): legacy_media.mixed_phase,
     ("volume", "volcache"): legacy_media.cached,
+    ("volume", "gridvolume"): legacy_media.grid,
     ("sensor", "perspective_rdist"): _warned("perspective", " without its distortion"),
     ("sensor", "telecentric"): _warned("orthographic", " without its blur"),
 }

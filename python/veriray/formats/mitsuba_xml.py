@@ -15,6 +15,7 @@ includes 8 deep and 256 in all.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -29,6 +30,7 @@ from lxml import etree
 
 from .. import transform as tf
 from ..errors import SceneError
+from ..files import open_regular
 from . import spectra, upgrade
 from .known import MITSUBA, missing
 from .node import (
@@ -41,6 +43,7 @@ from .node import (
     parse_float,
     parse_floats,
     parse_integer,
+    quoted,
     read_bytes,
     shorten,
 )
@@ -53,7 +56,7 @@ MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
 _PARAMETER = re.compile(r"\\\$|\$(?:\{([^\s${}]+)\}|([^\s$]*))")
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_VERSION = re.compile(r"\s*0*([0-9])(?:\.[0-9]{1,9}){0,2}(?:[^0-9.].{0,32})?")
+_VERSION = re.compile(r"\s*0*([0-9])(?:\.([0-9]{1,9}))?(?:\.[0-9]{1,9})?(?:[^0-9.].{0,32})?")
 _MARKS = (
     (b"\xef\xbb\xbf", "utf-8"),
     (b"\xff\xfe\0\0", "utf-32-le"),
@@ -130,6 +133,7 @@ class _Reader:
         self.spectra: dict[str, Value] = {}  # by id
         self.upgraded = upgrade.Notes()
         self.old = False  # whether the file being read is of a version below 2
+        self.early = False  # and below 0.4
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
         self.included: dict[Path, tuple[Path, ...]] = {}  # folders of it and of those between
 
@@ -213,8 +217,12 @@ class _Reader:
         if match[1] > "3":
             self.report.note(f"version {shorten(version)} is read as 3.x.x", where)
         self.old = match[1] in "01"
+        minor = int(match[2] or 0) if match[1] == "0" else 9
+        if minor < 3:
+            raise SceneError(f"version = {shorten(version)}, expected 0.3.0 or later", where)
+        self.early = minor < 4
         if self.old:
-            upgrade.upgrade(root, where.rpartition(":")[0], self.upgraded)
+            upgrade.upgrade(root, where.rpartition(":")[0], self.upgraded, self.early)
 
     def attributes(
         self, element: etree._Element, where: str, needed: str, optional: str = ""
@@ -413,7 +421,24 @@ class _Reader:
             if given is not None and isinstance(given.value, str):
                 folder, given.value = self.find(given.value, path, given.where, asset=True)
             node.folder = str(folder)
+            if self.old and plugin == "obj" and given is not None:
+                self.library(node, Path(folder) / str(given.value))
         return node
+
+    def library(self, node: Node, path: Path) -> None:
+        """Warns of an OBJ file's materials, which a shape without a bsdf had in version 0.x."""
+        for child in node.children:
+            if not child.name if isinstance(child, Ref) else child.category == "bsdf":
+                return
+        try:
+            with open_regular(path) as file:
+                found = re.search(rb"(?m)^[ \t]*mtllib[ \t]+(\S[^\r\n]*)", file.read(1 << 16))
+            name = found[1].decode("utf-8", "replace").strip() if found else ""
+            if name and (path.parent / name).is_file():
+                text = f"obj: version 0.x took the materials of {quoted(name.encode())}"
+                self.report.warn(f"{text}; here it is grey", node.where)
+        except (OSError, ValueError):  # said where the mesh is read
+            return
 
     def include(
         self,
@@ -442,7 +467,7 @@ class _Reader:
         root, file = self.parse(target, where)
         self.folders[target] = [target.parent, *self.folders[path]]
         self.included[target] = (target.parent, *self.included.get(path, ()))
-        old = self.old
+        old = self.old, self.early
         inside = f"{file}:{root.sourceline}"
         if root.tag == "scene":
             self.version(root, inside)
@@ -451,7 +476,7 @@ class _Reader:
             if "version" in root.attrib:
                 self.version(root, inside)
             elif self.old:
-                upgrade.upgrade(root, file, self.upgraded)
+                upgrade.upgrade(root, file, self.upgraded, self.early)
             child = self.object(root, target, (*chain, resolved), 0, inside)
             child.name = a.get("name", child.name)
             node.children.append(child)
@@ -461,7 +486,7 @@ class _Reader:
                 + allowed(str(root.tag), CATEGORIES),
                 inside,
             )
-        self.old = old
+        self.old, self.early = old
 
     def value(self, element: etree._Element, path: Path, where: str) -> tuple[str, Value]:
         kind = str(element.tag)
@@ -568,6 +593,8 @@ class _Reader:
                 a = self.attributes(child, where, "angle", "value x y z")
                 angle = parse_float(a.pop("angle"), 'rotate: "angle"', where)
                 axis = self.vector(a, tag, where, 0.0)
+                if self.old and any(axis):  # as version 0.x
+                    axis = tuple(x / math.hypot(*axis) for x in axis)
                 fault = tf.axis_fault(axis)
                 if fault:
                     self.report.warn(

@@ -695,7 +695,11 @@ PLUGINS: dict[str, Plugin] = {
     "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
     "ply": Plugin(
         "shape",
-        {**_MESH, **_flip_uv(False)},
+        {
+            **_MESH,
+            **_flip_uv(False),
+            "srgb": Param("boolean", True, doc="vertexcolors of version 0.x are sRGB"),
+        },
         _ON_SHAPES,
         doc="Stanford PLY; attributes vertex_color of red, green, blue or r, g, b, vertex_foo of "
         "foo_0, foo_1, foo_2 (or x, y, z; 1, 2, 3) or foo_0; of faces face_color and face_foo",
@@ -915,6 +919,9 @@ PLUGINS: dict[str, Plugin] = {
             "color0": Param(COLOUR, 0.4, 0.0, column="texture_color0", field="texture_field0"),
             "color1": Param(COLOUR, 0.2, 0.0, column="texture_color1", field="texture_field1"),
             "to_uv": _TO_UV,
+            "in_order": Param(
+                "boolean", False, doc="where one number is wanted, too; of version 0.x"
+            ),
         },
         doc="two by two fields a unit of u and v, color0 next to the origin",
     ),
@@ -927,7 +934,9 @@ PLUGINS: dict[str, Plugin] = {
                 1.0,
                 doc="factor on the numbers; with it they are in the range of what they stand for",
             ),
-            "bytes": Param("boolean", False, doc="numbers up to 255 are shares; of version 0.x"),
+            "bytes": Param(
+                "boolean", False, doc="numbers up to 255 are shares, of a ply sRGB; of version 0.x"
+            ),
         },
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),
@@ -972,6 +981,9 @@ PLUGINS: dict[str, Plugin] = {
             "wrap_mode": Param("string", "clamp", choices=TEXTURE_WRAPS),
             "to_world": Param("transform", doc="of the unit cube that the cells fill"),
             "use_grid_bbox": Param("boolean", False, doc="they fill the file's box instead"),
+            "at_corners": Param(
+                "boolean", False, doc="the outer cells' centres lie on the box; of version 0.x"
+            ),
             "raw": Param("boolean", False, doc="without effect: numbers are as they stand"),
             "accel": Param("boolean", True, doc="without effect: the filter is exact"),
             "max_value": Param("float", None, note="the grid's own largest number is taken"),

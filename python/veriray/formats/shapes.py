@@ -289,14 +289,14 @@ class Shapes:
                     found[name] = one
         return found
 
-    def attribute(self, name: str, scale: float | None, count: int) -> Array:
+    def attribute(self, key: tuple[str, float, bool], count: int) -> Array:
         """The rows (count, 3) float32 of an attribute for all vertices or triangles, zero for those
         of meshes that do not show it or have it not; raises SceneError as `Attribute.of`."""
-        rows = np.zeros((count, 3), np.float32)
+        rows, name = np.zeros((count, 3), np.float32), key[0]
         for vertex, triangle, node, found, wanted in self.attributed:
             first = vertex if name.startswith("vertex_") else triangle
             for one in wanted:
-                if (one.name, one.scale) != (name, scale):
+                if one.key != key:
                     continue
                 if name not in found.attributes:
                     self.warned.append((one.missing(node, found), node.where))

@@ -62,11 +62,12 @@ def copied(
     node: Node, resolve: Callable[[Ref, Node], Node], exchange: bool = False, depth: int = 0
 ) -> Node:
     """A texture's node, and those in it, once more. exchange: with the colours of checkerboards
-    exchanged, as Mitsuba 3.9.1 has them where one number is wanted."""
+    exchanged, as Mitsuba 3.9.1, but not 0.x, has them where one number is wanted."""
     check_depth(node, depth)
     values, held = dict(node.values), textures_in(node, resolve)
     inside = {name: copied(child, resolve, exchange, depth + 1) for name, child in held.items()}
-    if exchange and node.plugin == "checkerboard":
+    ordered = "in_order" in values and values["in_order"].value is True
+    if exchange and node.plugin == "checkerboard" and not ordered:
         names = "color0", "color1"
         params = PLUGINS[node.plugin].params
         for name in names:
@@ -210,13 +211,19 @@ class Texels:
 
 @dataclass(eq=False)
 class Attribute:
-    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. most: what
-    they may not exceed. single: where one number of it is wanted, "" if nowhere."""
+    """What a texture reads from meshes. old: numbers of 0 to 255 are shares, of a PLY file sRGB.
+    most: what they may not exceed. single: where one number of it is wanted, "" if nowhere."""
 
     name: str
-    scale: float | None
+    scale: float
+    old: bool = False
     most: float = 1.0
     single: str = ""
+
+    @property
+    def key(self) -> tuple[str, float, bool]:
+        """What its rows depend on besides the mesh."""
+        return self.name, self.scale, self.old
 
     def missing(self, node: Node, found: Mesh | None = None) -> str:
         """What to say of a shape without it; Mitsuba's variants for GPU and LLVM read 0, too."""
@@ -232,9 +239,6 @@ class Attribute:
         Raises SceneError if it holds other numbers than Mitsuba would read or than a texture may.
         """
         values = found.attributes[self.name]
-        scale = self.scale
-        if scale is None:
-            scale = 1 / 255 if values.size and values.max() > 1 else 1.0
         if self.single and values.shape[1] != 1:
             raise SceneError(
                 f"{node}: {shorten(self.name)} has {values.shape[1]} numbers, expected one for "
@@ -242,7 +246,10 @@ class Attribute:
                 node.where,
             )
         with np.errstate(all="ignore"):
-            rows: Array = (values * scale).astype(np.float32)
+            shares = _shares(values, node) if self.old else values
+            rows: Array = (shares * self.scale).astype(np.float32)
+        if self.scale > 1 and self.old:  # a texture `scale` there
+            rows = np.minimum(rows, np.float32(self.most))
         good = (rows <= self.most) & (rows < np.inf)
         bad = np.argwhere(~((rows >= 0) & good))
         if len(bad):
@@ -252,10 +259,23 @@ class Attribute:
                 allowed += " (numbers of 0 to 255 take the scale 0.00392156862745098)"
             raise SceneError(
                 f"{node}: {shorten(self.name)} holds {values[row, column]:g} in row {row}; times "
-                f"scale = {scale:g} it must be in {allowed}",
+                f"scale = {self.scale:g} it must be in {allowed}",
                 node.where,
             )
         return np.broadcast_to(rows, (len(rows), 3))
+
+
+def _shares(values: Array, node: Node) -> Array:
+    """Colours of version 0.x as linear shares: of 255 if one exceeds 1, and sRGB in a PLY file
+    unless its shape, `node`, says no."""
+    most = 255 if values.size and values.max() > 1 else 1
+    if node.plugin != "ply" or ("srgb" in node.values and node.values["srgb"].value is False):
+        return values / most
+    codes = values.astype(np.uint8)
+    if most == 255 and (codes == values).all():
+        return images.SRGB_TO_LINEAR[codes]
+    shares = np.maximum(values / most, 0)
+    return np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
 
 
 def _attribute(node: Node, values: dict[str, Any], most: float) -> materials.Row:
@@ -267,7 +287,7 @@ def _attribute(node: Node, values: dict[str, Any], most: float) -> materials.Row
         )
     return {
         "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
-        "attribute": Attribute(name, None if values["bytes"] else values["scale"], most),
+        "attribute": Attribute(name, values["scale"], values["bytes"], most),
     }
 
 

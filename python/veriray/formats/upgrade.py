@@ -1,4 +1,4 @@
-"""Scene files of Mitsuba 0.4 to 1.x in today's terms, element by element, before they are read.
+"""Scene files of Mitsuba 0.3 to 1.x in today's terms, element by element, before they are read.
 
 As Mitsuba 3 does for versions below 2: names of parameters in camelCase become snake_case, and
 `diffuseReflectance` of a diffuse BSDF is its `reflectance`; uoffset, voffset, uscale, vscale are
@@ -13,6 +13,11 @@ refuses the rest of what those versions had; where today's terms say the same, t
 - `adaptive` and `multichannel`: the integrator that they hold;
 - `mixturebsdf`: `blendbsdf` in `blendbsdf`; a bump map of a texture `scale`: its own `scale`; the
   texture of a `normalmap`, of any name, is its `normalmap`; `extEta` by name is a number;
+- `bumpmap` and `normalmap`: without a function for shadows, and no normal flipped;
+- `vpl` ends at depth 5 unless it says otherwise; `roughdiffuse` takes `diffuseReflectance`, too;
+- version 0.3: cameras are mirrored, `fov` is of the smaller side, `intensity` of `constant` and
+  `directional` is `radiance` and `irradiance`, `densityMultiplier` and `intensityScale` are
+  `scale`, `focusDepth` is `focusDistance`. Older ones are refused;
 - `vertexcolors`: `mesh_attribute`; bitmaps filtered by `trilinear` or `ewa`: bilinear;
 - parameters that change no light are left out;
 - `phong`, `ward`, `coating`, `roughcoating`, `roughdiffuse` by what is nearest: see `approximate`;
@@ -31,7 +36,7 @@ from lxml.etree import _Element
 
 from ..errors import SceneError
 from . import legacy, spectra
-from .approximate import approximate
+from .approximate import _numbers, approximate
 from .node import parse_floats, shorten
 from .plugins import IORS
 
@@ -63,7 +68,7 @@ _DROPPED = {
     "film": ("banner", "attach_log", "high_quality_edges"),
     "texture": ("cache", "max_anisotropy"),
     "emitter": ("cache", "resolution", "sampling_weight"),
-    "shape": ("collapse", "srgb"),
+    "shape": ("collapse",),
 }
 
 
@@ -92,9 +97,10 @@ class Notes:
         ]
 
 
-def upgrade(root: _Element, file: str, notes: Notes) -> None:
-    """Changes the elements under `root`, a file's, in place. Raises SceneError."""
-    legacy.elements(root, file, notes)
+def upgrade(root: _Element, file: str, notes: Notes, early: bool = False) -> None:
+    """Changes the elements under `root`, a file's, in place; early: of version 0.3. Raises
+    SceneError."""
+    legacy.elements(root, file, notes, early)
     media = root.find(".//medium") is not None
     for element in list(root.iter()):
         if isinstance(element.tag, str):
@@ -189,6 +195,7 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
             if child.get("name") == "diffuse_reflectance":
                 child.set("name", "reflectance")
     elif (category, plugin) == ("bsdf", "normalmap"):
+        _unshaded(element)
         for child in element:
             if child.tag == "texture" or (child.tag == "ref" and child.get("name")):
                 child.set("name", "normalmap")
@@ -214,6 +221,8 @@ def _integrator(element: _Element, plugin: str, new: str, where: str, notes: Not
         new = str(inner.get("type"))
     else:
         element[:] = [child for child in element if child.get("name") in _KEPT["integrator"]]
+        if plugin == "vpl" and all(child.get("name") != "max_depth" for child in element):
+            _add(element, "integer", "max_depth", "5")
     element.set("type", new)
     notes.add(f"integrator {plugin} runs as {new}, which has the same expectation", where)
 
@@ -259,6 +268,11 @@ def _opacity(element: _Element, where: str, notes: Notes) -> None:
     for child in _parameters(element):
         words = re.findall(r"[^\s,]+", str(child.get("value", "")))
         if child.get("name") == "opacity" and child.tag in ("rgb", "spectrum", "srgb"):
+            if child.tag == "srgb" and (shares := _numbers(child, 1.0)):
+                child.tag, words = "rgb", list(map(repr, shares))
+                child.set("value", " ".join(words))
+            if child.tag == "srgb":
+                continue  # by a parameter
             if len(set(words)) == 1 and ":" not in words[0] and "#" not in words[0]:
                 child.tag = "float"
                 child.set("value", words[0])
@@ -311,6 +325,7 @@ def _conductor(element: _Element, plugin: str, where: str, notes: Notes) -> None
 
 def _bump(element: _Element, where: str, notes: Notes) -> None:
     """A bump map of a texture times a number: the number is the bump map's own."""
+    _unshaded(element)
     for child in list(element):
         if child.tag == "texture" and child.get("type") == "scale":
             factors = [c for c in _parameters(child) if c.get("name") == "scale"]
@@ -319,6 +334,12 @@ def _bump(element: _Element, where: str, notes: Notes) -> None:
                 element.replace(child, inner[0])
                 element.append(factors[0])
                 notes.add("bsdf bumpmap: scale of its texture is its scale", where)
+
+
+def _unshaded(element: _Element) -> None:
+    """Normals as version 0.x turned them: none flipped, and no function for shadows."""
+    for name in ("flip_invalid_normals", "use_shadowing_function"):
+        _add(element, "boolean", name, "false")
 
 
 def _is(element: _Element, *numbers: float) -> bool:

@@ -33,6 +33,11 @@ class Grid:
     largest: float
     row: materials.Row
 
+    def beyond(self) -> bool:
+        """Whether more than 0 is up to half a cell beyond its box, as was not in version 0.x."""
+        old = "at_corners" in self.node.values and self.node.values["at_corners"].value
+        return bool(old) and any(self.cells.take((0, -1), axis).any() for axis in range(3))
+
 
 class Grids:
     """The grids of a scene's media; each file is read once."""
@@ -99,6 +104,10 @@ class Grids:
         if values["use_grid_bbox"]:
             low, high = box.astype(np.float64).tolist()
             sides = [b - a for a, b in zip(low, high, strict=True)]
+            matrix = tf.compose(matrix, tf.compose(tf.translate(low), tf.scale(sides)))
+        if values["at_corners"]:
+            sides = [n / (n - 1) if n > 1 else 1.0 for n in cells.shape[2::-1]]
+            low = [(1 - side) / 2 for side in sides]
             matrix = tf.compose(matrix, tf.compose(tf.translate(low), tf.scale(sides)))
         channels = cells.shape[3]
         if channels not in (1, 3):

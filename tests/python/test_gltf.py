@@ -605,6 +605,24 @@ def test_tangents_of_a_file_are_those_of_its_coordinates_or_said(tmp_path):
         assert ("TANGENT is not what texture coordinates give" in text) == said
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"indices": ([0.5, 1, 2], "f4")}, "faces"),
+        ({"indices": ([0, 1, 9], "u2")}, "triangle 0 uses vertex 9"),
+        ({"NORMAL": ([[0, 0, 1]] * 3, "f4")}, "has 3 rows for 4 vertices"),
+        ({"NORMAL": ([[0, 1]] * 4, "f4")}, "has shape"),
+    ],
+)
+def test_damaged_arrays_beside_a_normal_texture(tmp_path, change, message):
+    model = textured({}, uv=UPRIGHT, normalTexture={"index": 0})
+    part = model.content["meshes"][0]["primitives"][0]
+    for key, given in change.items():
+        (part if key == "indices" else part["attributes"])[key] = model.array(*given)
+    with pytest.raises(SceneError, match=message):
+        load(tmp_path, model)
+
+
 def test_tangents_of_a_ball(tmp_path):
     """Along its circles of latitude, which its triangles follow as far as they are fine."""
     u, v = (x.ravel() for x in np.meshgrid(np.linspace(0, 1, 49), np.linspace(0.1, 0.9, 13)))

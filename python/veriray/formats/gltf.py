@@ -218,7 +218,8 @@ class _Reader:
         count = len(arrays["vertices"])
         widths = {"vertices": 3, "uv": 2, "normals": 3}
         sound = all(table.shape == (count, widths[name]) for name, table in arrays.items())
-        if "uv" not in arrays or not sound or not 0 <= faces.min() <= faces.max() < count:
+        sound = sound and faces.dtype.kind == "i" and 0 <= faces.min() <= faces.max() < count
+        if "uv" not in arrays or not sound:
             return np.zeros(len(faces), bool)
         hand = gltf_tangents.handedness(arrays["uv"][faces])
         found = part.of("attributes").index("TANGENT", self.file.tables["accessors"])

@@ -16,8 +16,9 @@ from veriray.scene import Scene, load_file
 _KEYS = (
     "asset", "version", "accessors", "bufferViews", "buffers", "meshes", "nodes", "scenes", "scene",
     "materials", "cameras", "extensions", "extensionsRequired", "KHR_lights_punctual", "lights",
-    "primitives", "attributes", "POSITION", "NORMAL", "TEXCOORD_0", "indices", "mode", "material",
-    "mesh", "children", "matrix", "translation", "rotation", "scale", "camera", "perspective",
+    "primitives", "attributes", "POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "indices", "mode",
+    "material", "normalTexture", "mesh", "children", "matrix", "translation", "rotation", "scale",
+    "camera", "perspective",
     "yfov", "aspectRatio", "type", "count", "componentType", "normalized", "sparse", "values",
     "bufferView", "byteOffset", "byteLength", "byteStride", "buffer", "uri", "light", "spot",
     "color", "intensity", "outerConeAngle", "innerConeAngle", "pbrMetallicRoughness", "SCALAR",
@@ -54,7 +55,7 @@ def mutate(data: bytes, rng: random.Random) -> bytes | None:
 
 TARGET = Target(
     ".gltf", _load, problem, (SceneError,),
-    ("formats/gltf.py", "formats/gltf_json.py", "formats/gltf_materials.py"),
+    tuple(f"formats/gltf{name}.py" for name in ("", "_json", "_materials", "_tangents")),
     (*(json.dumps(key) for key in _KEYS), *NUMBERS, "glTF\x02", "JSON", "data:x;base64,AAAA"),
     mutate,
 )  # fmt: skip

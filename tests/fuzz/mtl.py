@@ -11,7 +11,8 @@ from veriray.scene import Scene, load_file
 
 _KEYS = (
     "newmtl a", "Kd", "Ks", "Ke", "Tf", "Ns", "Ni", "d", "Tr", "illum", "Pr", "Pm", "map_Kd",
-    "map_d", "bump", "-s", "-o", "-clamp on", "-bm", "input.mtl", "spectral", "xyz", "#",
+    "map_d", "bump", "-s", "-o", "-clamp on", "-bm", "-mm", "-imfchan m", "-t", "input.mtl",
+    "spectral", "xyz", "#",
 )  # fmt: skip
 _OBJ = b"mtllib input.mtl\n" + TRIANGLE + b"usemtl a\nf 1 2 3\nusemtl b\nf 3 2 1\n"
 

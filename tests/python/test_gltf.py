@@ -219,6 +219,13 @@ def test_the_camera(tmp_path):
     # turned by 90 degrees about y it looks along -x, its right is -z
     expected = np.array([[0, 0, -1, 1], [0, 1, 0, 2], [1, 0, 0, 3], [0, 0, 0, 1]])
     assert np.abs(scene.camera.to_world - expected).max() < 1e-15
+    model.content["nodes"] += [{"children": [1], "scale": [1, 2, 1]}]
+    assert "shears" not in load(tmp_path, model)[1]  # turned by a right angle
+    model.content["nodes"][1]["rotation"] = [0, 0, math.sin(0.2), math.cos(0.2)]
+    assert "cameras[0]: its node shears it, and so its picture" in load(tmp_path, model)[1]
+    del model.content["nodes"][2]
+    model.content["nodes"][1]["rotation"] = [0, half, 0, half]
+    assert "shears" not in load(tmp_path, model)[1]
     parallel = {"xmag": 3.0, "ymag": 1.5, "znear": 0.0, "zfar": 9.0}
     model.content["cameras"] = [{"type": "orthographic", "orthographic": parallel}]
     scene, text = load(tmp_path, model)
@@ -341,6 +348,15 @@ def test_extensions_of_materials(tmp_path):
     for said in ("specularColorFactor", "unlit", "specular and glossiness", "above 1.79",
                  "a smooth pane", "below a half"):  # fmt: skip
         assert said in text
+
+
+def test_an_unlit_material_emits_nothing(tmp_path):
+    """Its colour is that of its base alone."""
+    model = quad(material=0)
+    unlit = {"KHR_materials_unlit": {}}
+    model.content["materials"] = [{"emissiveFactor": [1, 1, 1], "extensions": unlit}]
+    scene, text = load(tmp_path, model)
+    assert not len(scene.emissions) and "unlit" in text and "a white sky was added" in text
 
 
 def png(texels, mode="RGBA"):
@@ -467,10 +483,26 @@ def test_texture_coordinates_are_moved(tmp_path):
     assert "texture coordinates 0 are not used, 1 are" in load(tmp_path, model)[1]
 
 
+def test_a_texture_may_be_scaled_to_a_line(tmp_path):
+    """A scale of 0 picks one column of texels."""
+    moved = {"offset": [0.25, 0.5], "scale": [0, 3]}
+    info = {"index": 0, "extensions": {"KHR_texture_transform": moved}}
+    lamp = {"emissiveTexture": info, "emissiveFactor": [1, 1, 1]}
+    for model in (textured({"baseColorTexture": info}), textured({}, **lamp)):
+        scene, _ = load(tmp_path, model)
+        assert scene.texture_to_uv[0].tolist() == [[0, 0, 0.25], [0, 3, 0.5]]
+        picture = veriray.render(scene, spp=4, width=8, height=8, device="cpu")
+        assert np.isfinite(picture.image).all()
+    moved["scale"] = [0, 0]
+    scene, _ = load(tmp_path, model)
+    assert scene.texture_to_uv[0].tolist() == [[0, 0, 0.25], [0, 0, 0.5]]
+
+
 def test_normals_of_textures(tmp_path):
     """The texels as they are, or their x and y scaled."""
     for scale in (1, 0.5):
-        scene, text = load(tmp_path, textured({}, normalTexture={"index": 0, "scale": scale}))
+        info = {"index": 0, "scale": scale}
+        scene, text = load(tmp_path, textured({}, uv=UPRIGHT, normalTexture=info))
         assert "not applied" not in text
         at = int(scene.relief_texture[scene.triangle_material[0]])
         assert at == 0 and scene.texture_format[at] == (1 if scale == 1 else 3)
@@ -482,6 +514,140 @@ def test_normals_of_textures(tmp_path):
             assert (
                 np.abs(2 * scene.texels.view(np.float32).reshape(4, 6, 3) - 1 - given).max() < 1e-6
             )
+
+
+def shaded(folder, texel, uv, **more):
+    """The normal that is seen of a square upright before the camera, and what is warned of."""
+    texels = np.tile(np.array(texel), (2, 2, 1))
+    texels[0, 0, 0] += more.pop("other", 0)
+    node, tangent = more.pop("node", {}), more.pop("tangent", None)
+    model = textured({}, png(texels, "RGB"), uv=uv, normalTexture={"index": 0, **more})
+    part = model.content["meshes"][0]["primitives"][0]["attributes"]
+    place = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    part |= {"POSITION": model.array(place), "NORMAL": model.array([[0, 0, 1]] * 4)}
+    if tangent is not None:
+        part["TANGENT"] = model.array([tangent] * 4)
+    camera = {"type": "perspective", "perspective": {"yfov": 0.8, "aspectRatio": 1, "znear": 0.1}}
+    model.content["cameras"] = [camera]
+    model.content["nodes"][0] |= node
+    model.content["nodes"] += [{"camera": 0, "translation": [0, 0, 5]}]
+    scene, text = load(folder, model)
+    found = veriray.feature_images(scene, ("normal",), spp=1, width=8, height=8, device="cpu")
+    return found["normal"][3, 4], text
+
+
+UPRIGHT = [[0, 1], [1, 1], [1, 0], [0, 0]]  # of a quad whose v is down, as in an image
+MIRRORED = [[1, 1], [0, 1], [0, 0], [1, 0]]
+TILTED = [178, 204, 218]
+NORMAL = np.array(TILTED) / 127.5 - 1
+NORMAL /= np.linalg.norm(NORMAL)
+
+
+@pytest.mark.parametrize("other", [0, 1])
+@pytest.mark.parametrize(
+    ("uv", "scale", "signs"),
+    [
+        (UPRIGHT, [1, 1, 1], [1, 1, 1]),
+        (MIRRORED, [1, 1, 1], [-1, 1, 1]),
+        (UPRIGHT[::-1], [1, 1, 1], [1, -1, 1]),
+        (UPRIGHT, [-1, 1, 1], [-1, 1, 1]),
+        (MIRRORED, [-1, 1, 1], [1, 1, 1]),
+        (UPRIGHT, [1, -1, 1], [1, -1, 1]),
+    ],
+)
+def test_normals_are_turned_with_the_image(tmp_path, uv, scale, signs, other):
+    """x along u and y up on the image, also where that is mirrored, and of an even image."""
+    found, text = shaded(tmp_path, TILTED, uv, other=other, node={"scale": scale})
+    assert np.abs(found - NORMAL * signs).max() < 5e-3 and "TANGENT" not in text
+
+
+def test_an_image_is_mirrored_on_some_triangles(tmp_path):
+    """On the right half, as of a face of which one half is painted; and once more in a node that
+    mirrors."""
+    xs, us = [0, 1, 1, 2], [0, 1, 1, 0]
+    model = textured({}, uv=[[u, v] for v in (1, 0) for u in us], normalTexture={"index": 0})
+    part = model.content["meshes"][0]["primitives"][0]
+    part["attributes"]["POSITION"] = model.array([[x, y, 0] for y in (0, 1) for x in xs])
+    part["indices"] = model.array([0, 1, 5, 0, 5, 4, 2, 3, 7, 2, 7, 6], "u2")
+    scene, _ = load(tmp_path, model)
+    assert len(scene.vertices) == 8 and len(scene.triangles) == 4
+    middles = corners(scene)[..., 0].mean(axis=1)
+
+    def green(triangle):
+        at = int(scene.relief_texture[scene.triangle_material[triangle]])
+        first = int(scene.texture_first[at])
+        return scene.texels[first : first + 24].view(np.uint8).reshape(4, 6, 4)[..., 1]
+
+    for k in range(4):
+        given = TEXELS[..., 1]
+        assert (green(k) == (given if middles[k] < 1 else 255 - given)).all()
+    model.content["nodes"] += [{"mesh": 0, "scale": [-1, 1, 1]}]
+    scene, _ = load(tmp_path, model)
+    middles = corners(scene)[..., 0].mean(axis=1)
+    assert len(middles) == 8
+    for k in range(8):
+        kept = -2 < middles[k] < -1 or 0 < middles[k] < 1
+        assert (green(k) == (TEXELS[..., 1] if kept else 255 - TEXELS[..., 1])).all()
+
+
+def test_tangents_of_a_file_are_those_of_its_coordinates_or_said(tmp_path):
+    turned = [math.cos(0.2), math.sin(0.2), 0, 1]
+    for uv, tangent, said in (
+        (UPRIGHT, [1, 0, 0, 1], False),
+        (UPRIGHT, [math.cos(0.05), math.sin(0.05), 0, 1], False),
+        (MIRRORED, [-1, 0, 0, -1], False),
+        (UPRIGHT, turned, True),
+        (UPRIGHT, [0, 1, 0, 1], True),
+        (UPRIGHT, [1, 0, 0, -1], True),
+        (MIRRORED, [-1, 0, 0, 1], True),
+    ):
+        _, text = shaded(tmp_path, TILTED, uv, tangent=tangent)
+        assert ("TANGENT is not what texture coordinates give" in text) == said
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"indices": ([0.5, 1, 2], "f4")}, "faces"),
+        ({"indices": ([0, 1, 9], "u2")}, "triangle 0 uses vertex 9"),
+        ({"NORMAL": ([[0, 0, 1]] * 3, "f4")}, "has 3 rows for 4 vertices"),
+        ({"NORMAL": ([[0, 1]] * 4, "f4")}, "has shape"),
+    ],
+)
+def test_damaged_arrays_beside_a_normal_texture(tmp_path, change, message):
+    model = textured({}, uv=UPRIGHT, normalTexture={"index": 0})
+    part = model.content["meshes"][0]["primitives"][0]
+    for key, given in change.items():
+        (part if key == "indices" else part["attributes"])[key] = model.array(*given)
+    with pytest.raises(SceneError, match=message):
+        load(tmp_path, model)
+
+
+def test_tangents_of_a_ball(tmp_path):
+    """Along its circles of latitude, which its triangles follow as far as they are fine."""
+    u, v = (x.ravel() for x in np.meshgrid(np.linspace(0, 1, 49), np.linspace(0.1, 0.9, 13)))
+    east, south = 2 * math.pi * u, math.pi * v
+    circle = np.stack([np.cos(east), 0 * east, -np.sin(east)], 1)
+    ball = circle * np.sin(south)[:, None] + np.cos(south)[:, None] * [[0, 1, 0]]
+    along = np.stack([-np.sin(east), 0 * east, -np.cos(east), east * 0 + 1], 1)
+    a = (49 * np.arange(12)[:, None] + np.arange(48)).reshape(-1, 1)
+    faces = np.concatenate([a + [0, 49, 50], a + [0, 50, 1]])
+    for tangent, said in ((along, False), (np.roll(along, 3, axis=0), True)):
+        model = textured({}, uv=np.stack([u, v], 1).tolist(), normalTexture={"index": 0})
+        part = model.content["meshes"][0]["primitives"][0]
+        part["attributes"] |= {"POSITION": model.array(ball), "NORMAL": model.array(ball),
+                               "TANGENT": model.array(tangent)}  # fmt: skip
+        part["indices"] = model.array(faces.ravel(), "u2")
+        assert ("TANGENT" in load(tmp_path, model)[1]) == said
+
+
+def test_a_normal_texture_that_turns_nothing_is_left_out(tmp_path):
+    for texel, scale in (([127, 200, 255], 0), ([128, 128, 255], 1)):
+        data = png(np.tile(np.array(texel), (2, 2, 1)), "RGB")
+        model = textured({}, data, uv=UPRIGHT, normalTexture={"index": 0, "scale": scale})
+        scene, _ = load(tmp_path, model)
+        row = scene.triangle_material[0]
+        assert (scene.relief_texture[row] < 0) == (scale == 0)
 
 
 def test_emission_of_textures(tmp_path):

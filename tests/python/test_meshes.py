@@ -1271,5 +1271,5 @@ def test_distinct_corners_are_those_of_rows(largest):
     corners = np.random.default_rng(2).integers(-1, 5, (200, 3))
     corners[0] = largest
     rows, inverse = np.unique(corners, axis=0, return_inverse=True)
-    found = mesh._distinct(corners)
+    found = mesh.distinct(corners)
     assert (found[0] == rows).all() and (found[1] == inverse.reshape(-1)).all()

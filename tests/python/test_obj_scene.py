@@ -114,7 +114,8 @@ def test_textures(tmp_path):
         tmp_path, "Kd 1 1 1\nmap_Kd -s 2 3 1 -o 0.5 -clamp on a b.png\nbump a b.png"
     )
     at = int(scene.reflectance_texture[row])
-    assert scene.texture_to_uv[at].tolist() == [[2, 0, 0.5], [0, 3, 0]]
+    # 3 v of the file, which is up: 1 - 3 (1 - v) of the v that is down
+    assert scene.texture_to_uv[at].tolist() == [[2, 0, 0.5], [0, 3, -2]]
     assert scene.texture_wrap[at] == 2 and "bump" in text and "not applied" in text
     assert (scene.texels.view(np.uint8).reshape(3, 5, 4)[..., :3] == texels).all()
     assert scene.uv[:, 1].tolist()[0] == 0.75  # v is up in the file, and down in an image
@@ -124,6 +125,167 @@ def test_textures(tmp_path):
     scene, row, _ = one(tmp_path, "Kd 0 0 0\nKs 1 1 1\nmap_Kd a b.png\nmap_d a b.png")
     assert MATERIAL_KINDS[scene.material_kind[row]] == "roughplastic"
     assert scene.opacity_texture[row] >= 0 and scene.reflectance_texture[row] >= 0
+
+
+def texels_of(scene, at, shape):
+    """The texels of a texture in float32."""
+    first = int(scene.texture_first[at])
+    return scene.texels[first : first + math.prod(shape)].view(np.float32).reshape(shape)
+
+
+@pytest.mark.parametrize("given", ["-s 2 3 1", "-o 0.2 0.3", "-o 0.2 0.3 0 -s 2 3"])
+def test_textures_are_placed_with_v_up(tmp_path, given):
+    """s and o of a texture act on the coordinates of the file; 0 is the lowest row."""
+    texels = np.random.default_rng(4).integers(0, 256, (4, 5, 3)).astype(np.uint8)
+    Image.fromarray(texels).save(tmp_path / "a.png")
+    scene, row, _ = one(tmp_path, f"Kd 1 1 1\nmap_Kd {given} a.png")
+    matrix = scene.texture_to_uv[int(scene.reflectance_texture[row])]
+    s = [2, 3] if "-s" in given else [1, 1]
+    o = [0.2, 0.3] if "-o" in given else [0, 0]
+    for u, v in ((0.0, 0.25), (1.0, 0.0), (1.0, 1.0), (0.25, 0.5)):
+        place = matrix @ [u, 1 - v, 1]  # the v of meshes here is down
+        assert place == pytest.approx([s[0] * u + o[0], 1 - (s[1] * v + o[1])], abs=1e-6)
+
+
+def test_a_map_without_kd_is_taken_as_it_is(tmp_path):
+    texels = np.random.default_rng(1).integers(0, 256, (3, 5, 3)).astype(np.uint8)
+    Image.fromarray(texels).save(tmp_path / "a.png")
+    scene, _, _ = one(tmp_path, "map_Kd a.png")
+    assert (scene.texels.view(np.uint8).reshape(3, 5, 4)[..., :3] == texels).all()
+
+
+def test_base_and_gain_of_textures(tmp_path):
+    texels = np.random.default_rng(1).integers(0, 256, (3, 5, 3)).astype(np.uint8)
+    Image.fromarray(texels).save(tmp_path / "a.png")
+    scene, row, text = one(
+        tmp_path, "Kd 1 0.5 1\nmap_Kd -mm 0.25 0.5 a.png\nmap_d -mm 0.5 0.25 a.png"
+    )
+    linear = images.SRGB_TO_LINEAR[texels].astype(float)
+    found = texels_of(scene, scene.reflectance_texture[row], (3, 5, 3))
+    assert np.abs(found - (0.25 + 0.5 * linear) * [1, 0.5, 1]).max() < 1e-6
+    found = texels_of(scene, scene.opacity_texture[row], (3, 5, 3))
+    assert np.abs(found - (0.5 + 0.25 * texels / 255)).max() < 1e-6
+    assert "applied" not in text
+
+
+@pytest.mark.parametrize("channel", ["r", "g", "b", "m", "l", "z"])
+def test_channels_of_textures(tmp_path, channel):
+    texels = np.random.default_rng(1).integers(0, 256, (3, 5, 4)).astype(np.uint8)
+    Image.fromarray(texels).save(tmp_path / "a.png")
+    lines = f"Kd 1 1 1\nmap_Kd -imfchan {channel} a.png\nmap_d -imfchan {channel} a.png"
+    scene, row, text = one(tmp_path, lines)
+    assert ('"-imfchan z" of a material is not applied' in text) == (channel == "z")
+    at = scene.reflectance_texture[row], scene.opacity_texture[row]
+    if channel == "z":
+        assert scene.texture_format[list(at)].tolist() == [0, 1]  # of 8 bits, as they are
+        return
+    tables = images.SRGB_TO_LINEAR[texels].astype(float), texels / 255
+    for row, table in zip(at, tables, strict=True):
+        expected = table[..., :3] @ [0.212671, 0.71516, 0.072169]
+        if channel == "m":
+            expected = texels[..., 3] / 255
+        elif channel != "l":
+            expected = table[..., "rgb".index(channel)]
+        assert scene.texture_grey[row]
+        assert np.abs(texels_of(scene, row, (3, 5)) - expected).max() < 1e-6
+
+
+def test_turbulence_is_said(tmp_path):
+    Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    _, _, text = one(tmp_path, "map_Kd -t 1 0.5 a.png")
+    assert 'a.mtl:2: "-t 1 0.5" of a material is not applied' in text
+
+
+EDGES = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 1 0 1\nv 1 1 1\nv 2 0 1\nv 2 1 1\n"
+STEPS = ("f 1 2 3 4\n", "f 2 5 6 3\n", "f 5 7 8 6\n")  # floors at z 0 and 1, a wall between
+
+
+def cosines(scene):
+    """Of the normals at all corners with their faces'; 1 for a flat scene."""
+    table = scene.vertices[scene.triangles]
+    flat = np.cross(table[:, 1] - table[:, 0], table[:, 2] - table[:, 0])
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    normals = scene.normals[scene.triangles]
+    normals = np.where(normals.any(axis=2, keepdims=True), normals, flat[:, None])
+    return (normals * flat[:, None]).sum(axis=2), table[..., 0]
+
+
+@pytest.mark.parametrize("given", ["", "s off\n", "s 0\n", "s 1\ns off\n"])
+def test_faces_of_no_smoothing_group_are_flat(tmp_path, given):
+    scene, _ = load(tmp_path, obj=EDGES + given + "".join(STEPS))
+    assert not scene.normals.any()
+
+
+@pytest.mark.parametrize("textured", [False, True])
+@pytest.mark.parametrize("material", ["", "usemtl one\n"])
+def test_faces_are_smooth_within_their_smoothing_group(tmp_path, textured, material):
+    """The first two of three are, also across materials and seams of texture coordinates."""
+    faces = ["s 4\n" + STEPS[0], material + STEPS[1], "s 9 # another\n" + STEPS[2]]
+    obj = EDGES + "vt 0 0\nvt 1 1\nmtllib a.mtl\n" + "".join(faces)
+    if textured:
+        obj = re.sub(r"f (\d) (\d) (\d) (\d)", r"f \1/1 \2/1 \3/1 \4/1", obj, count=1)
+        obj = re.sub(r"f (\d) (\d) (\d) (\d)", r"f \1/2 \2/2 \3/2 \4/2", obj)
+    found, x = cosines(load(tmp_path, obj=obj)[0])
+    half = math.sqrt(0.5)  # between a floor and the wall
+    expected = np.where(x == 1, half, 1.0)
+    expected[2:4] = [half, 1, 1], [half, 1, half]  # of the wall, z is 0 in the common edge
+    expected[4:] = 1
+    assert np.abs(found - expected).max() < 1e-6
+    found, _ = cosines(load(tmp_path, obj=obj.replace("s 9", "s off"))[0])
+    assert np.abs(found - expected).max() < 1e-6
+    found, _ = cosines(load(tmp_path, obj=obj.replace("s 9", "s 4"))[0])
+    assert np.abs(found - np.where(x == 1, half, 1.0)).max() < 1e-6
+
+
+def test_smoothing_groups_are_not_of_files_with_normals(tmp_path):
+    obj = EDGES + "vn 0 0.6 0.8\ns off\nf 1//1 2//1 3//1\n"
+    scene, _ = load(tmp_path, obj=obj)
+    assert np.abs(scene.normals[scene.triangles] - [0, 0.6, 0.8]).max() < 1e-7
+
+
+def test_smoothing_groups_are_not_of_obj_shapes(tmp_path):
+    (tmp_path / "a.obj").write_text(EDGES + "s off\n" + "".join(STEPS))
+    shape = {"type": "obj", "filename": str(tmp_path / "a.obj")}
+    scene = {"type": "scene", "shape": shape, "sky": {"type": "constant"}}
+    assert veriray.load_dict(scene).normals.any()
+
+
+def coloured(obj):
+    """With a colour for each of the first four vertices."""
+    rows = iter(["1 0 0", "0 1 0.5", "0.25 0.5 1", "1 1 1"])
+    return re.sub(r"(?m)^v .*$", lambda line: f"{line[0]} {next(rows)}", obj)
+
+
+def vertex_colours(scene):
+    """At the corners of triangles."""
+    at = int(scene.reflectance_texture[scene.triangle_material[0]])
+    first = int(scene.texture_first[at])
+    return scene.attribute_values[first : first + len(scene.vertices)][scene.triangles]
+
+
+def test_colours_of_vertices(tmp_path):
+    """Times Kd, which is 1 where it is not given; a map_Kd stands in their place."""
+    obj = OBJ.split("usemtl two")[0].replace("f 1/1 2/2 3/3\n", "", 1)
+    colours = np.array([[1, 0, 0], [0, 1, 0.5], [0.25, 0.5, 1], [1, 1, 1]])
+    for lines, factor in (("", 1), ("Kd 0.5 0.25 1", [0.5, 0.25, 1]), ("Kd 0.5\nKs 1 1 1", 0.5)):
+        scene, _, _ = one(tmp_path, lines, coloured(obj))
+        expected = colours[[[0, 1, 2], [0, 2, 3]]] * factor
+        assert np.abs(vertex_colours(scene) - expected).max() < 1e-6
+    bare = coloured(EDGES.split("v 1 0 1")[0]) + "f 1 2 3\n"
+    assert (vertex_colours(load(tmp_path, obj=bare)[0]) == colours[:3]).all()
+    smooth = coloured(EDGES.split("v 1 0 1")[0]) + "s 1\nf 1 2 3\ns 2\nf 3 4 1\n"
+    found = vertex_colours(load(tmp_path, obj=smooth)[0])
+    assert (found == colours[[[0, 1, 2], [2, 3, 0]]]).all()
+    bytes_ = re.sub(r"(?m)^(v .*) \S+ \S+ \S+$", r"\1 51 0 255", bare)
+    assert np.abs(vertex_colours(load(tmp_path, obj=bytes_)[0]) - [0.2, 0, 1]).max() < 1e-6
+    some = bare.replace(" 0 1 0.5\n", "\n", 1)  # white where there is none
+    assert vertex_colours(load(tmp_path, obj=some)[0])[0, 1].tolist() == [1, 1, 1]
+    scene, row, _ = one(tmp_path, "Kd 0 0 0\nKs 1 1 1", coloured(obj))
+    assert MATERIAL_KINDS[scene.material_kind[row]] == "roughconductor"
+    Image.fromarray(np.zeros((2, 3, 3), np.uint8)).save(tmp_path / "a.png")
+    scene, row, text = one(tmp_path, "map_Kd a.png", coloured(obj))
+    assert "a.mtl:1: colours of vertices are not applied, but map_Kd" in text
+    assert scene.texture_width[int(scene.reflectance_texture[row])] == 3
 
 
 def test_what_is_cut_away_does_not_shine(tmp_path):
@@ -175,6 +337,9 @@ def test_it_renders(tmp_path):
         ("newmtl one\nmap_Kd -x a.png\n", None, 'a.mtl:2: map_Kd: unknown option "-x"'),
         ("newmtl one\nmap_Kd a.png\n", None, "a.mtl:2: cannot read .*a.png"),
         (MTL, "v 0 0 0\nf 1 2 3\n", "is not within the 1 v lines"),
+        (MTL, f"{EDGES}v 0 0 0 1 -1 0\nf 1 2 3\n", "a.obj:9: the colour of a vertex is .* outside"),
+        (MTL, f"{EDGES}v 0 0 0 1 x 0\nf 1 2 3\n", "a.obj:9: the colour of a vertex = .x. is not"),
+        ("newmtl one\nmap_Kd -mm x a.png\n", None, "a.mtl:2: cannot read .*x a.png"),
     ],
 )  # fmt: skip
 def test_bad_files(tmp_path, mtl, obj, message):

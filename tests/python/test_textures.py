@@ -456,12 +456,53 @@ def test_png_files_of_16_bits(tmp_path: Path, channels: int) -> None:
     linear = images.read(path, "").texels
     assert linear[0, :3, 0].tolist() == [0.0, float(images.SRGB_TO_LINEAR[1]), 1.0]
     np.testing.assert_allclose(linear, from_srgb(codes / 65535), rtol=1e-6)
-    if channels == 2:
+    if channels != 3:
         alpha = images.read(path, "", channel="a").texels
-        assert (alpha == (texels[:, :, 1:].astype(np.float64) / 65535).astype(np.float32)).all()
+        assert (alpha == (texels[:, :, -1:].astype(np.float64) / 65535).astype(np.float32)).all()
     path.write_bytes(png_16(texels)[:-40])
     with pytest.raises(SceneError, match="not a readable image"):
         images.read(path, "")
+
+
+def png_of(codes: np.ndarray[Any, Any], depth: int, key: tuple[int, ...] = ()) -> bytes:
+    """A PNG of 1 to 4 numbers a texel, of so many bits each; key: the colour that is clear."""
+    height, width, channels = codes.shape
+    bits = (codes[..., None] >> np.arange(depth)[::-1] & 1).reshape(height, -1)
+    rows = np.packbits(bits.astype(np.uint8), axis=1)
+    colour = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0))]
+    chunks += [(b"tRNS", struct.pack(f">{len(key)}H", *key))] if key else []
+    chunks += [(b"IDAT", zlib.compress(np.insert(rows, 0, 0, axis=1).tobytes())), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_png_files_of_16_bits_become_8_bits_of_a_gltf_file(channels: int) -> None:
+    codes = RNG.integers(0, 1 << 16, (5, 7, channels))
+    codes[0, :3, 0] = 0, 257, 65535
+    found = images.rgba(png_of(codes, 16), "", "")
+    nearest = np.rint(codes / 257)
+    assert (found[..., :3] == (nearest[..., :3] if channels > 2 else nearest[..., :1])).all()
+    assert (found[..., 3] == (255 if channels % 2 else nearest[..., -1])).all()
+
+
+@pytest.mark.parametrize(
+    ("depth", "channels"), [(1, 1), (2, 1), (4, 1), (8, 1), (16, 1), (8, 3), (16, 3)]
+)
+def test_the_colour_key_of_png_files(tmp_path: Path, depth: int, channels: int) -> None:
+    """It is compared with the numbers that the file holds, of 16 bits too."""
+    codes = RNG.integers(0, 1 << depth, (5, 7, channels))
+    codes[2, 3] = codes[1, 1] = key = codes[0, 0] ^ 1
+    codes[3, 3] = codes[0, 0]  # in 16 bits it has the key's high byte
+    path = tmp_path / "x.png"
+    path.write_bytes(png_of(codes, depth, tuple(key.tolist())))
+    seen = (codes != key).any(axis=2)
+    assert not seen.all() and seen.any()
+    assert (images.rgba(path.read_bytes(), "", "")[..., 3] == 255 * seen).all()
+    assert (images.read(path, "", channel="a").linear()[..., 0] == seen).all()
 
 
 @pytest.mark.parametrize("kind", [2, 3, 5, 6])

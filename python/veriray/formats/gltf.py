@@ -2,8 +2,8 @@
 
 Materials are those of `gltf_materials`; they shine on their fronts. Light keeps its numbers:
 candela, lux and nits are taken for what they are in watts. A spot of KHR_lights_punctual falls off
-linearly between its angles. The first perspective camera is taken; without one the scene is framed
-from its front. Without a light there is a white sky. Skins, morph targets and animations stay at
+linearly between its angles. The first camera is taken; without one the scene is framed from its
+front. Without a light there is a white sky. Skins, morph targets and animations stay at
 rest.
 """
 
@@ -21,7 +21,8 @@ import numpy.typing as npt
 
 from .. import transform
 from ..errors import SceneError
-from ..numeric import MAX_COORDINATE, check_matrix, sin_cos_degrees
+from ..numeric import MAX_COORDINATE, check_matrix, determinant, sin_cos_degrees
+from . import gltf_tangents
 from .gltf_json import File, Json
 from .gltf_json import read as read_json
 from .gltf_materials import Materials, named
@@ -50,8 +51,9 @@ class _Reader:
     def __init__(self, file: File, where: str, report: Report) -> None:
         self.file, self.where, self.report = file, where, report
         self.looks = Materials(file, report)
-        self.materials: dict[int | None, tuple[Node, Node | None]] = {}
-        self.groups: dict[int, Node] = {}
+        self.materials: dict[tuple[int | None, bool], Node] = {}  # and whether mirrored
+        self.lamps: dict[int | None, Node | None] = {}  # of materials
+        self.groups: dict[tuple[int, bool], Node] = {}  # of meshes, and whether mirrored
         self.cameras: list[tuple[Json, Array]] = []
         self.lights: list[Node] = []
         self.corners: list[Array] = []  # of the boxes around meshes, in world space
@@ -118,7 +120,7 @@ class _Reader:
             return []
         if "EXT_mesh_gpu_instancing" in node.of("extensions").content:
             self.report.warn("EXT_mesh_gpu_instancing: one instance of each is shown", node.where)
-        group = self.group(number)
+        group = self.group(number, determinant(matrix) < 0)
         try:
             check_matrix("matrix", matrix)
         except SceneError:
@@ -143,70 +145,105 @@ class _Reader:
             for k, child in enumerate(children)
         ]
 
-    def group(self, number: int) -> Node:
-        """The primitives of a mesh as a shape group, made once."""
-        if number not in self.groups:
+    def group(self, number: int, flip: bool) -> Node:
+        """The primitives of a mesh as a shape group, made once; flip: for a node that mirrors."""
+        if (number, flip) not in self.groups:
             mesh = self.file.tables["meshes"][number]
-            shapes = [self.primitive(part, mesh) for part in mesh.all("primitives")]
-            parts = [shape for shape in shapes if shape]
-            self.groups[number] = Node("shapegroup", mesh.where, "shape", children=[*parts])
-        return self.groups[number]
+            shapes = [self.primitive(part, mesh, flip) for part in mesh.all("primitives")]
+            parts = [shape for found in shapes for shape in found]
+            self.groups[number, flip] = Node("shapegroup", mesh.where, "shape", children=[*parts])
+        return self.groups[number, flip]
 
-    def primitive(self, part: Json, mesh: Json) -> Node | None:
-        """A mesh; None for points and lines."""
+    def primitive(self, part: Json, mesh: Json, flip: bool) -> list[Node]:
+        """A mesh, or two of it where a texture of normals lies mirrored on some triangles; none for
+        points and lines."""
         accessors, attributes = self.file.tables["accessors"], part.of("attributes")
         mode = part.whole("mode", 4, len(_MODES) - 1) or 0
         place = attributes.index("POSITION", accessors)
         if mode < 4 or place is None:
             what = _MODES[mode] if mode < 4 else "a primitive without POSITION"
             self.report.warn(f"{what} is not shown", part.where)
-            return None
+            return []
         for key in ("targets", "extensions"):
             if part.content.get(key):
                 self.report.warn(f"{key} of a primitive are not applied", part.where)
         if "COLOR_0" in attributes.content:
             self.report.warn("colours of vertices are not shown", part.where)
-        vertices = self.file.array(place)
-        if vertices.shape[1] != 3:
+        arrays = {"vertices": self.file.array(place)}
+        count = len(arrays["vertices"])
+        if arrays["vertices"].shape[1] != 3:
             raise accessors[place].fail('"type" of a POSITION is not VEC3')
         index = part.index("indices", accessors)
-        corners = np.arange(len(vertices)) if index is None else self.file.array(index).ravel()
+        corners = np.arange(count) if index is None else self.file.array(index).ravel()
         faces = _triangles(corners, mode)
-        if not len(faces) or not len(vertices):
+        if not len(faces) or not count:
             self.report.warn("a primitive without triangles is not shown", part.where)
-            return None
-        values = {"vertices": Value("array", vertices, part.where),
-                  "faces": Value("array", faces, part.where)}  # fmt: skip
+            return []
         material = part.index("material", self.file.tables["materials"])
-        bsdf, lamp = self.material(material)
-        textured = None
+        about = Json({}, self.where)
         if material is not None:
-            textured = self.looks.sets.get(self.file.tables["materials"][material].where)
+            about = self.file.tables["materials"][material]
+        self.material(material, about)
+        textured = self.looks.sets.get(about.where)
         for key, name in (("uv", f"TEXCOORD_{textured or 0}"), ("normals", "NORMAL")):
             found = attributes.index(name, accessors)
             if found is not None:
-                values[key] = Value("array", self.file.array(found), part.where)
-        if "normals" not in values:
-            values["face_normals"] = Value("boolean", True, part.where)
-        if textured is not None and "uv" not in values:
+                arrays[key] = self.file.array(found)
+        if textured is not None and "uv" not in arrays:
             text = f"a textured primitive without TEXCOORD_{textured} shows one texel"
             self.report.warn(text, part.where)
-            values["uv"] = Value("array", np.zeros((len(vertices), 2)), part.where)
-        children: list[Any] = [bsdf] if lamp is None else [bsdf, lamp]
-        return Node("mesh", part.where, "shape", mesh.text("name"), "", values, children)
+            arrays["uv"] = np.zeros((count, 2))
+        mirrored = np.zeros(len(faces), bool)
+        if self.looks.turns(about):
+            mirrored = self.mirrored(part, faces, arrays, flip)
+        result = []
+        for side in np.unique(mirrored).tolist():
+            own, tables = faces[mirrored == side], arrays
+            if len(own) < len(faces):
+                used, numbers = np.unique(own, return_inverse=True)
+                own = numbers.reshape(-1, 3)
+                tables = {name: table[used] for name, table in arrays.items()}
+            tables = {**tables, "faces": own}
+            values = {key: Value("array", table, part.where) for key, table in tables.items()}
+            if "normals" not in values:
+                values["face_normals"] = Value("boolean", True, part.where)
+            children: list[Any] = self.material(material, about, side)
+            name = mesh.text("name")
+            result.append(Node("mesh", part.where, "shape", name, "", values, children))
+        return result
 
-    def material(self, number: int | None) -> tuple[Node, Node | None]:
-        """The bsdf and the emitter of a material, made once; the default one for None."""
-        if number not in self.materials:
-            materials = self.file.tables["materials"]
-            about = Json({}, self.where) if number is None else materials[number]
-            self.materials[number] = self.looks.bsdf(about), self.emitter(about)
-        return self.materials[number]
+    def mirrored(self, part: Json, faces: Array, arrays: dict[str, Array], flip: bool) -> Array:
+        """Which triangles of a primitive show images mirrored, none if its arrays are no mesh's;
+        TANGENT is compared with what is shown."""
+        count = len(arrays["vertices"])
+        widths = {"vertices": 3, "uv": 2, "normals": 3}
+        sound = all(table.shape == (count, widths[name]) for name, table in arrays.items())
+        sound = sound and faces.dtype.kind == "i" and 0 <= faces.min() <= faces.max() < count
+        if "uv" not in arrays or not sound:
+            return np.zeros(len(faces), bool)
+        hand = gltf_tangents.handedness(arrays["uv"][faces])
+        found = part.of("attributes").index("TANGENT", self.file.tables["accessors"])
+        if found is not None and "normals" in arrays:
+            if not gltf_tangents.agree(self.file.array(found), faces, hand, **arrays):
+                text = "TANGENT is not what texture coordinates give, which are used instead"
+                self.report.warn(text, part.where)
+        return hand > 0 if flip else hand < 0
+
+    def material(self, number: int | None, about: Json, mirrored: bool = False) -> list[Node]:
+        """The bsdf and the emitter of a material, made once."""
+        if (number, mirrored) not in self.materials:
+            self.materials[number, mirrored] = self.looks.bsdf(about, mirrored)
+        if number not in self.lamps:
+            self.lamps[number] = self.emitter(about)
+        lamp = self.lamps[number]
+        return [self.materials[number, mirrored], *([] if lamp is None else [lamp])]
 
     def emitter(self, about: Json) -> Node | None:
         """What a material emits, on its front."""
         strength = about.of("extensions").of(_STRENGTH[0]).number("emissiveStrength", 1.0, 0.0)
         factor = about.numbers("emissiveFactor", (0.0,) * 3, 0.0) * strength
+        if "KHR_materials_unlit" in about.of("extensions").content:
+            return None
         texturable = PLUGINS["area"].params["radiance"].texturable
         if not factor.any() or "emissiveTexture" in about.content and not texturable:
             return None
@@ -247,6 +284,8 @@ class _Reader:
             if len(self.cameras) > 1:
                 self.report.warn("the first of several cameras is taken", camera.where)
             place = transform.compose(_rigid(matrix, camera), _TO_SENSOR)
+            if np.abs(place[:3, :3].T @ place[:3, :3] - np.eye(3)).max() > 1e-4:
+                self.report.warn("its node shears it, and so its picture", camera.where)
             if camera.text("type") == "orthographic":
                 view = camera.of("orthographic")
                 x, y = (view.number(name, 0.0, 1e-12, 1e12) for name in ("xmag", "ymag"))

@@ -7,8 +7,8 @@ which are others: a coat of 1 is a quarter as strong. Transmission is that of a 
 KHR_materials_volume gives it a thickness, else of a pane (`thindielectric`). A material without
 transmission reflects on both sides. KHR_materials_unlit is diffuse, and so is a mesh without a
 material, in white. A texture keeps its 8 bits unless a factor scales it; one that is the same
-everywhere is a number. Alpha that is masked is cut at the texels; what is cut away does not shine.
-What else there is, is named.
+everywhere is a number or a colour. Alpha that is masked is cut at the texels, before they are
+filtered; what is cut away does not shine. What else there is, is named.
 """
 
 from __future__ import annotations
@@ -46,11 +46,13 @@ class Materials:
         self.nodes: dict[tuple[Any, ...], Node | float | tuple[float, ...]] = {}
         self.sets: dict[str, int] = {}  # by the material's place
         self.place = ""  # of the material in the making
+        self.mirrored = False  # where it is
         self.opacities: dict[str, Any] = {}  # by the material's place
 
-    def bsdf(self, about: Json) -> Node:
-        """What a material reflects and lets through; of an empty one diffuse white."""
-        self.place = about.where
+    def bsdf(self, about: Json, mirrored: bool = False) -> Node:
+        """What a material reflects and lets through; of an empty one diffuse white. mirrored: where
+        texture coordinates show images mirrored."""
+        self.place, self.mirrored = about.where, mirrored
         if not about.content:
             return _twosided(_node("diffuse", about, reflectance=(1.0, 1.0, 1.0)))
         more = {name.removeprefix("KHR_materials_"): self.extension(about, name) for name in _KNOWN}
@@ -120,17 +122,23 @@ class Materials:
         return result if "spec_trans" in values else _twosided(result)
 
     def relief(self, about: Json, bsdf: Node) -> Node:
-        """A bsdf with the normals of a texture: y along the normal's cross product with u, which is
-        right but for mirrored texture coordinates."""
+        """A bsdf with the normals of a texture: y along the normal's cross product with u, or
+        against it where the image is mirrored."""
         if "normalTexture" not in about.content:
             return bsdf
         scale = about.of("normalTexture").number("scale", 1.0, -1e3, 1e3)
-        normals = self.taken(about, "normalTexture", "normal", (scale,))
-        if not isinstance(normals, Node):
-            return bsdf
+        channels = "mirrored normal" if self.mirrored else "normal"
+        normals = self.taken(about, "normalTexture", channels, (scale,))
+        if not isinstance(normals, Node) and normals in (scale, (0.5, 0.5, 1.0)):
+            return bsdf  # without an image, or with one that turns nothing
         result = _node("normalmap", about, normalmap=normals)
         result.children.append(bsdf)
         return result
+
+    def turns(self, about: Json) -> bool:
+        """Whether a texture turns normals of a material."""
+        unlit = "KHR_materials_unlit" in about.of("extensions").content
+        return "normalTexture" in about.content and not unlit
 
     def radiance(self, about: Json, factor: tuple[float, ...]) -> Any:
         """What a material emits, where alpha leaves it: a colour or a texture; None for nothing."""
@@ -187,7 +195,8 @@ class Materials:
     ) -> Any:
         """The texture in `key` times a factor, or the factor: a node, a number or a colour.
 
-        channels: "rgb", "normal", "g", "b" or "a". cut: from where on a number counts as 1, else 0.
+        channels: "rgb", "normal", "mirrored normal", "g", "b" or "a". cut: from where on a number
+        counts as 1, else 0.
         """
         plain = factor if channels == "rgb" else factor[0]
         if key in rough.content:
@@ -216,7 +225,7 @@ class Materials:
         if (texels == texels[:1, :1]).all():
             one = images.from_array(texels[:1, :1], texture.where, raw=channels != "rgb")
             found = tuple(float(x) for x in one.linear()[0, 0])
-            return found if channels == "rgb" else found[0]
+            return found if len(found) == 3 else found[0]
         sampler = Json({}, texture.where)
         number = texture.index("sampler", self.file.tables["samplers"])
         if number is not None:
@@ -256,17 +265,17 @@ def _scaled(pixels: Array, channels: str, factor: tuple[float, ...], cut: float 
         if factor == (1.0, 1.0, 1.0):
             return pixels[..., :3]
         return images.SRGB_TO_LINEAR[pixels[..., :3]] * np.array(factor, np.float32)
-    if channels == "normal":
-        return _normals(pixels, factor[0])
+    if channels.endswith("normal"):
+        return _normals(pixels, factor[0], channels != "normal")
     plane = pixels[..., "rgba".index(channels), None]
     if cut is not None:
         return np.where(images.BYTE_TO_SHARE[plane] * factor[0] >= cut, 255, 0).astype(np.uint8)
     return plane if factor == (1.0,) else images.BYTE_TO_SHARE[plane] * np.float32(factor[0])
 
 
-def _normals(pixels: Array, scale: float) -> Array:
-    """The texels of a normal map: uint8 if the scale of x and y is 1."""
-    texels = pixels[..., :3]
+def _normals(pixels: Array, scale: float, mirrored: bool) -> Array:
+    """The texels of a normal map, with -y for y if mirrored: uint8 if the scale of x and y is 1."""
+    texels = pixels[..., :3] ^ np.array([0, 255 * mirrored, 0], np.uint8)
     if scale == 1.0:
         return texels
     x, y, z = np.moveaxis(texels / 127.5 - 1.0, 2, 0)
@@ -284,6 +293,7 @@ def _transform(info: Json) -> tuple[Array | None, int]:
         return None, number
     moved = info.of("extensions").of("KHR_texture_transform")
     scale, offset = moved.numbers("scale", (1.0, 1.0)), moved.numbers("offset", (0.0, 0.0))
+    scale[scale == 0] = 1e-60  # which is 0 in float32, and not singular here
     sine, cosine = sin_cos_degrees(math.degrees(moved.number("rotation", 0.0, -1e3, 1e3)))
     matrix = np.eye(4)  # a turn from u to -v, counter-clockwise on the image
     matrix[:2, :2] = [[cosine * scale[0], sine * scale[1]], [-sine * scale[0], cosine * scale[1]]]

@@ -137,18 +137,24 @@ def from_array(values: object, where: str, *, raw: bool = False, kept: bool = Tr
 
 
 def rgba(data: bytes, name: str, where: str) -> Array:
-    """The texels (H, W, 4) uint8 of a PNG or JPEG file's content, row 0 on top. Raises SceneError
-    as `read`."""
+    """The texels (H, W, 4) uint8 of a PNG or JPEG file's content, row 0 on top; numbers of 16 bits
+    are rounded to 8. Raises SceneError as `read`."""
     from PIL import Image as Pillow  # not needed by most scenes
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the size is checked
-            with Pillow.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
+            with Pillow.open(file := io.BytesIO(data), formats=("PNG", "JPEG")) as image:
                 _check_size(*image.size)
                 if image.width * image.height > _MOST_PER_BYTE * len(data):
                     raise SceneError("damaged: too few bytes for its texels")
-                return np.array(image.convert("RGBA"))
+                depth, colour = _png_kind(file) if image.format == "PNG" else (8, 0)
+                if depth < 16:
+                    return _with_alpha(image, depth)
+                parts = _png_wide(file, len(data), image, colour)
+                wide = np.concatenate([np.broadcast_to(parts[0], (*parts[1].shape[:2], 3)),
+                                       parts[1]], axis=2)  # fmt: skip
+                return ((wide.astype(np.uint32) + 128) // 257).astype(np.uint8)
     except MemoryError:
         raise
     except Exception as error:  # the library's errors have no common base class
@@ -211,17 +217,14 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool, alpha: bool = False) -> Im
                         "bytes"
                     )
                 depth, colour = _png_kind(file) if kind == "PNG" else (8, 0)
-                if (depth, colour) == (16, 4):
-                    texels = _png_grey_alpha(file, size)
+                if depth == 16:
+                    texels, share = _png_wide(file, size, image, colour)
                     if alpha:
-                        return Image(_by_table(texels[:, :, 1:], 65535, True))
-                    texels = texels[:, :, :1]
+                        return Image(_by_table(share, 65535, True))
                 elif alpha:
-                    return Image(np.array(image.convert("RGBA"))[:, :, 3:])
+                    return Image(_with_alpha(image, depth)[:, :, 3:])
                 elif kind == "PPM" and mode in ("L", "I", "RGB"):
                     texels, most = _ppm(file, size, image.width, image.height)
-                elif depth == 16 and mode in ("RGB", "RGBA"):
-                    texels = _png_16(file, mode)
                 elif mode in _GREY:
                     wide = mode.startswith("I")
                     texels = np.asarray(image if wide else image.convert("L"))[:, :, None]
@@ -261,6 +264,31 @@ def _png_kind(file: IO[bytes]) -> tuple[int, int]:
     found = file.read(2)
     file.seek(at)
     return (found[0], found[1]) if len(found) == 2 else (0, 0)
+
+
+def _with_alpha(image: Any, depth: int) -> Array:
+    """The texels (H, W, 4) uint8 of an image of Pillow's of at most 8 bits a number, which stand
+    with `depth` bits in the file. Pillow widens grey to 8 bits, but not the colour key."""
+    if image.mode == "L" and "transparency" in image.info:
+        most = (1 << depth) - 1
+        image.info["transparency"] = (image.info["transparency"] & most) * 255 // most
+    return np.array(image.convert("RGBA"))
+
+
+def _png_wide(file: IO[bytes], size: int, image: Any, colour: int) -> tuple[Array, Array]:
+    """The colours (H, W, 1 or 3) and alphas (H, W, 1) uint16 of a PNG file of 16 bits a number."""
+    if colour == 4:
+        texels = _png_grey_alpha(file, size)
+    elif colour == 0:
+        texels = np.asarray(image).astype(np.uint16)[:, :, None]
+    else:
+        texels = _png_16(file, image.mode)
+    if colour & 4:
+        return texels[:, :, :-1], texels[:, :, -1:]
+    alpha = np.full_like(texels[:, :, :1], 65535)
+    if "transparency" in image.info:
+        alpha[(texels == image.info["transparency"]).all(axis=2)] = 0
+    return texels, alpha
 
 
 def _png_grey_alpha(file: IO[bytes], size: int) -> Array:
@@ -312,7 +340,7 @@ def _png_16(file: IO[bytes], mode: str) -> Array:
         file.seek(0)
         with Pillow.open(file, formats=("PNG",)) as image:
             image.tile = [(*tile[:3], f"{mode};16{order}") for tile in image.tile]  # type: ignore
-            parts.append(np.asarray(image)[:, :, :3].astype(np.uint16))
+            parts.append(np.asarray(image).astype(np.uint16))
     return parts[0] << 8 | parts[1]
 
 

@@ -226,25 +226,43 @@ def obj_text(data: bytes) -> bytes:
     return _CONTINUED.sub(join, text)
 
 
+def obj(data: bytes, path: Path, where: str) -> tuple[Mesh, Array]:
+    """The mesh of an OBJ file's content, and the numbers (V,) of the v lines that its vertices are
+    of. Raises SceneError as `read`."""
+    name = f'"filename" = {shorten(path)}'
+    try:
+        vertices, triangles, normals, uv, lines = _obj_of_lines(data)
+    except MeshFileError as error:
+        raise SceneError(f"{name}{error}", where) from None
+    mesh = Mesh(vertices, triangles, normals, uv)
+    _check(mesh, name, where)
+    return mesh, lines
+
+
 def _obj(data: bytes) -> _Arrays:
+    return _obj_of_lines(data)[:4]
+
+
+def _obj_of_lines(data: bytes) -> tuple[Array, Array, Array | None, Array | None, Array]:
+    """The arrays of an OBJ file, and which v line each vertex is of."""
     text = obj_text(data)
     tables, corners, triangles, parts = _obj_native(text) or _obj_lines(text)
     vertices, *others = tables
     if parts.max(initial=1) > 1:
         triangles = polygons.unfolded(vertices[corners[:, 0]], triangles, parts)
     if not (corners[:, 1:] >= 0).any():
-        return vertices, corners[:, 0][triangles], None, None
-    rows, inverse = _distinct(corners)
+        return vertices, corners[:, 0][triangles], None, None, np.arange(len(vertices))
+    rows, inverse = distinct(corners)
     uv, normals = (
         np.concatenate([table, np.zeros((1, table.shape[1]))])[index]
         if (index >= 0).any()
         else None
         for table, index in zip(others, rows[:, 1:].T, strict=True)
     )
-    return vertices[rows[:, 0]], inverse[triangles], normals, uv
+    return vertices[rows[:, 0]], inverse[triangles], normals, uv, rows[:, 0]
 
 
-def _distinct(corners: Array) -> tuple[Array, Array]:
+def distinct(corners: Array) -> tuple[Array, Array]:
     """The different rows of indices (C, 3), in ascending order, and which of them each row is.
 
     As np.unique with axis 0, by one integer a row where that holds all three: 5 times as fast.

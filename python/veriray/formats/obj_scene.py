@@ -5,9 +5,13 @@ a rough coat (`roughplastic`) with Ks as the factor on its reflection and the sl
 sqrt(2 / (Ns + 2)) of a Phong lobe; metal with the colour Ks if Kd is black or illum is 3, 5 or 8;
 glass of index Ni if illum is 4, 6, 7 or 9; `principled` if Pr or Pm give roughness and metal. All
 but glass reflect on both sides. d, Tr and map_d are opacity (not of glass), Ke times that is
-emitted by the front. map_Kd is taken times Kd, unless that is black. A scene without light gets a
-white sky; a face without a material, or with one of an MTL file that is not there, is grey. A
-camera is placed that frames it from its front, at +z with y up.
+emitted by the front. map_Kd is taken times Kd, unless that is black; without it the colours of
+vertices are. A scene without light gets a white sky; a face without a material, or with one of an
+MTL file that is not there, is grey. A camera is placed that frames it from its front, at +z with y
+up.
+
+In a file without vn the faces of a smoothing group are smooth among each other, and those of none
+are flat.
 """
 
 from __future__ import annotations
@@ -35,20 +39,36 @@ _COLOURS = {"Kd": 0.5, "Ks": 0.0, "Ke": 0.0, "Tf": 1.0}
 _NUMBERS = {"Ns": (0.0, 1e6), "Ni": (0.1, 10.0), "d": (0.0, 1.0), "Tr": (0.0, 1.0),
             "illum": (0.0, 10.0), "Pr": (0.0, 1.0), "Pm": (0.0, 1.0)}  # fmt: skip
 _MAPS = ("map_Kd", "map_d")
+_CHANNELS = {"r": "r", "g": "g", "b": "b", "m": "a", "l": "l"}  # of -imfchan; here l is grey
+_COLOURED = re.compile(rb"(?m)^[ \t]*v(?:[ \t]+[^\s#]+){6}")
 _IDLE = ("Ka", "map_Ka", "Km", "sharpness", "map_aat")  # which change nothing here
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3,
             "-texres": 1, "-clamp": 1, "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1}  # fmt: skip
 
 
 @dataclass
+class _Map:
+    """A texture: base + gain times its texels, of one channel of _CHANNELS or of all."""
+
+    path: Path
+    where: str
+    to_uv: Array = field(default_factory=lambda: np.eye(4))
+    clamped: bool = False
+    base: float = 0.0
+    gain: float = 1.0
+    channel: str = ""
+    left_out: list[str] = field(default_factory=list)  # options
+
+
+@dataclass
 class _Material:
-    """Colours and numbers of a material by key, and textures as (path, to_uv, clamped, place)."""
+    """Colours and numbers of a material by key, and textures."""
 
     name: str
     where: str
     colours: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
-    maps: dict[str, tuple[Path, Array, bool, str]] = field(default_factory=dict)
+    maps: dict[str, _Map] = field(default_factory=dict)
 
 
 def read(path: Path, parameters: Mapping[str, object], report: Report | None = None) -> Tree:
@@ -58,8 +78,12 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
         raise SceneError(f"parameter {shorten(key)} is not used by the scene", where)
     report = Report() if report is None else report
     data = read_bytes(path, mesh.MAX_BYTES, "")
-    found = mesh.read(path, "obj", where, files={path: data})
-    materials, names, of = _faces(data, path, report)
+    found, lines = mesh.obj(data, path, where)
+    materials, names, of, groups, colours = _faces(data, path, report)
+    if found.normals is None:
+        found, lines = _smoothed(found, lines, groups)
+    if colours is not None:
+        found.attributes["vertex_color"] = colours[lines]
     tree = Tree(Node("scene", where, "scene"), report=report)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
     tree.scene.children.append(gltf.framing(low, high, where))
@@ -69,11 +93,13 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
         faces = found.triangles[of == number]
         if not len(faces):
             continue
+        material = materials[name] if name else _Material("", where)
         if name not in made:
-            made[name] = (
-                _objects(materials[name], report) if name else [_twosided("diffuse", where)]
-            )
-        tree.scene.children.append(_shape(found, faces, name, where, made[name]))
+            made[name] = _objects(material, report, colours is not None)
+        shape = _shape(found, faces, name, where, made[name])
+        if colours is not None and "map_Kd" not in material.maps:
+            shape.values["vertex_color"].value *= material.colours.get("Kd", 1.0)
+        tree.scene.children.append(shape)
     if not any(node.category == "emitter" for nodes in made.values() for node in nodes):
         report.warn("the file has no light; a white sky was added", where)
         tree.scene.children.append(Node("constant", where, "emitter"))
@@ -82,18 +108,25 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
 
 def _faces(
     data: bytes, path: Path, report: Report
-) -> tuple[dict[str, _Material], list[str], Array]:
-    """The materials, the names of those used, and which of these each triangle has; "" for none."""
+) -> tuple[dict[str, _Material], list[str], Array, Array, Array | None]:
+    """The materials, the names of those used, and which of these each triangle has, "" for none;
+    its smoothing group, 0 for none; the colours of v lines, None without any."""
     materials: dict[str, _Material] = {}
     names, current, lost = [""], 0, False
-    of: list[int] = []
-    counts: list[int] = []
-    for number, line in enumerate(mesh.obj_text(data).splitlines(), 1):
-        words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in (b"f", b"m", b"u") else [b""]
-        kind = words[0]
+    groups, group = {b"off": 0, b"0": 0}, 0
+    of: list[tuple[int, int, int]] = []  # of a face: material, group, triangles
+    text = mesh.obj_text(data)
+    colours: list[list[float]] | None = [] if _COLOURED.search(text) else None
+    kinds = (b"f", b"m", b"u", b"s") + (() if colours is None else (b"v",))
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in kinds else []
+        kind = words[0] if words else b""
         if kind == b"f":
-            of.append(current)
-            counts.append(len(words) - 3)
+            of.append((current, group, len(words) - 3))
+        elif kind == b"s" and len(words) > 1:
+            group = groups.setdefault(words[1], len(groups))
+        elif kind == b"v" and colours is not None:
+            colours.append(_vertex_colour(words, f"{path}:{number}"))
         elif kind in (b"mtllib", b"usemtl"):
             place = f"{path}:{number}"
             word = line.strip()[6:].strip().decode("utf-8", "replace")
@@ -116,7 +149,47 @@ def _faces(
             if word not in names:
                 names.append(word)
             current = names.index(word)
-    return materials, names, np.repeat(np.array(of, np.int64), counts)
+    table = np.array(of, np.int64).reshape(-1, 3)
+    own, smooth = np.repeat(table[:, :2], table[:, 2], axis=0).T
+    return materials, names, own, smooth, None if colours is None else _shares(colours)
+
+
+def _vertex_colour(words: list[bytes], where: str) -> list[float]:
+    """The colour of a v line; white for one without."""
+    if len(words) < 7:
+        return [1.0] * 3
+    name = "the colour of a vertex"
+    found = [parse_float(word.decode("utf-8", "replace"), name, where) for word in words[4:7]]
+    if not 0 <= min(found) <= max(found) <= 255:
+        raise SceneError(f"{name} is {found}, outside [0, 1] and [0, 255]", where)
+    return found
+
+
+def _shares(colours: list[list[float]]) -> Array:
+    """Colours (N, 3) as shares; whole numbers some of which exceed 1 are of 255."""
+    table = np.array(colours)
+    return table / 255 if table.max() > 1 and (table == np.floor(table)).all() else table
+
+
+def _smoothed(found: mesh.Mesh, lines: Array, groups: Array) -> tuple[mesh.Mesh, Array]:
+    """The mesh with normals by smoothing groups, and its vertices' v lines; without a group, as it
+    is."""
+    if not groups.any():
+        return found, lines
+    alone = groups.max() + 1 + np.arange(len(groups))  # a face without a group
+    group = np.repeat(np.where(groups > 0, groups, alone), 3)
+    corners = found.triangles.reshape(-1)
+    zero = np.zeros_like(corners)
+    places, place = mesh.distinct(np.stack([zero, lines[corners], group], axis=1))
+    points = np.empty((lines.max() + 1, 3))
+    points[lines] = found.vertices
+    smooth = mesh.vertex_normals(points[places[:, 1]], place.reshape(-1, 3))
+    split, vertex = mesh.distinct(np.stack([zero, corners, group], axis=1))
+    normals = np.empty((len(split), 3))
+    normals[vertex] = smooth[place]
+    used = split[:, 1]
+    uv = None if found.uv is None else found.uv[used]
+    return mesh.Mesh(found.vertices[used], vertex.reshape(-1, 3), normals, uv), lines[used]
 
 
 def _materials(path: Path, place: str) -> dict[str, _Material]:
@@ -146,7 +219,7 @@ def _materials(path: Path, place: str) -> dict[str, _Material]:
         elif key in _MAPS:
             now.maps[key] = _map(key, line.split(None, 1)[1:], path.parent, where)
         elif key not in _IDLE:
-            now.maps.setdefault(key, (path, np.eye(4), False, where))
+            now.maps.setdefault(key, _Map(path, where))
     return found
 
 
@@ -162,45 +235,53 @@ def _colour(key: str, words: list[str], where: str) -> tuple[float, float, float
     return r, g, b
 
 
-def _map(key: str, rest: list[str], folder: Path, where: str) -> tuple[Path, Array, bool, str]:
+def _map(key: str, rest: list[str], folder: Path, where: str) -> _Map:
     """A texture: options, then a file name that may have blanks in it."""
     text = rest[0].strip() if rest else ""
-    scale, offset, clamped = [1.0, 1.0], [0.0, 0.0], False
+    numbers = {"-s": [1.0, 1.0], "-o": [0.0, 0.0], "-mm": [0.0, 1.0]}
+    found = _Map(folder, where)
     while text.startswith("-"):
         option, *words = text.split()
         if option not in _OPTIONS:
             raise SceneError(f"{key}: unknown option {shorten(option)}", where)
         most = _OPTIONS[option]
         used = [word for word in words[:most] if most == 1 or re.fullmatch(r"[-+.\deE]+", word)]
-        if option in ("-s", "-o"):
-            numbers = [parse_float(word, f"{key} {option}", where) for word in used[:2]]
-            target = scale if option == "-s" else offset
-            target[: len(numbers)] = numbers
+        if option in numbers:
+            given = [parse_float(word, f"{key} {option}", where) for word in used[:2]]
+            numbers[option][: len(given)] = given
         elif option == "-clamp":
-            clamped = used == ["on"]
+            found.clamped = used == ["on"]
+        elif option == "-imfchan":
+            found.channel = _CHANNELS.get("".join(used), "")
+        if option == "-t" or option == "-imfchan" and not found.channel:
+            found.left_out.append(" ".join([option, *used]))
         text = text.split(None, len(used) + 1)[-1] if len(words) > len(used) else ""
     if not text:
         raise SceneError(f"{key} names no file", where)
-    return (
-        folder / text.replace("\\", "/"),
-        transform.compose(transform.translate([*offset, 0.0]), transform.scale([*scale, 1.0])),
-        clamped,
-        where,
+    found.path = folder / text.replace("\\", "/")
+    (su, sv), (u, v), (found.base, found.gain) = numbers.values()
+    found.to_uv = transform.compose(  # v is up there, and down in an image
+        transform.translate([u, 1.0 - sv - v, 0.0]), transform.scale([su, sv, 1.0])
     )
+    return found
 
 
-def _objects(material: _Material, report: Report) -> list[Node]:
-    """The bsdf of a material, and its light."""
+def _objects(material: _Material, report: Report, coloured: bool) -> list[Node]:
+    """The bsdf of a material, and its light; coloured: vertices have colours."""
     where, numbers = material.where, material.numbers
     colours = {key: material.colours.get(key, (value,) * 3) for key, value in _COLOURS.items()}
-    for key, (*_, place) in material.maps.items():
-        if key not in _MAPS:
-            report.warn(f"{shorten(key)} of a material is not applied", place)
+    for key, given in material.maps.items():
+        for name in given.left_out if key in _MAPS else [key]:
+            report.warn(f"{shorten(name)} of a material is not applied", given.where)
     illum, shine = numbers.get("illum", 2.0), any(colours["Ks"])
     slope = sqrt(2.0 / (numbers.get("Ns", 0.0) + 2.0))
     base: Any = colours["Kd"]
     if "map_Kd" in material.maps:
-        base = _texture(material.maps["map_Kd"], colours["Kd"], "reflectance")
+        base = _texture(material.maps["map_Kd"], material.colours.get("Kd", (1.0,) * 3), False)
+        if coloured:
+            report.warn("colours of vertices are not applied, but map_Kd", where)
+    elif coloured and any(base):
+        base = _node("mesh_attribute", where, name="vertex_color")
     if illum in (4, 6, 7, 9):
         inside = numbers.get("Ni", 1.5)
         result = _node("dielectric", where, int_ior=inside, ext_ior=1.0,
@@ -218,7 +299,7 @@ def _objects(material: _Material, report: Report) -> list[Node]:
         result = _twosided("diffuse", where, reflectance=base)
     opacity: Any = numbers.get("d", 1.0 - numbers.get("Tr", 0.0))
     if "map_d" in material.maps:
-        opacity = _texture(material.maps["map_d"], (opacity,) * 3, "opacity")
+        opacity = _texture(material.maps["map_d"], (opacity,) * 3, True)
     radiance: Any = colours["Ke"] if any(colours["Ke"]) else None
     if opacity != 1.0 and result.plugin != "dielectric":
         result, inner = _node("mask", where, opacity=opacity), result
@@ -231,23 +312,28 @@ def _objects(material: _Material, report: Report) -> list[Node]:
     return [result, lamp]
 
 
-def _texture(given: tuple[Path, Array, bool, str], factor: tuple[float, ...], name: str) -> Node:
-    """A bitmap, baked with a factor that is not 0 or 1."""
-    path, to_uv, clamped, where = given
-    raw = name == "opacity"
-    if any(factor) and factor != (1.0, 1.0, 1.0):
-        texels = images.read(path, where, raw=raw).linear() * np.array(factor, np.float32)
+def _texture(given: _Map, factor: tuple[float, ...], raw: bool) -> Node:
+    """A bitmap, baked with a factor that is not 0 or 1, and with options."""
+    where = given.where
+    factor = factor if any(factor) else (1.0,) * 3
+    if given.channel or (given.base, given.gain, *factor) != (0.0, 1.0, 1.0, 1.0, 1.0):
+        channel = given.channel if given.channel in tuple("rgba") else None
+        texels = images.read(given.path, where, raw=raw, channel=channel).linear()
+        texels = images.one_number(texels) if given.channel == "l" else texels
+        factor = factor if len({*factor}) > 1 else factor[:1]  # leaves grey texels
+        texels = (given.base + given.gain * texels) * np.array(factor, np.float32)
         result = _node("bitmap", where, bitmap=texels)
     else:
-        result = _node("bitmap", where, filename=str(path), raw=raw)
-    result.values["wrap_mode"] = Value("string", "clamp" if clamped else "repeat", where)
-    result.values["to_uv"] = Value("transform", to_uv, where)
+        result = _node("bitmap", where, filename=str(given.path), raw=raw)
+    result.values["wrap_mode"] = Value("string", "clamp" if given.clamped else "repeat", where)
+    result.values["to_uv"] = Value("transform", given.to_uv, where)
     return result
 
 
 def _node(plugin: str, where: str, **values: Any) -> Node:
     """An object with parameters: numbers, colours, text, arrays, or nodes for textures."""
-    result = Node(plugin, where, "texture" if plugin == "bitmap" else "bsdf")
+    texture = plugin in ("bitmap", "mesh_attribute")
+    result = Node(plugin, where, "texture" if texture else "bsdf")
     kinds = {bool: "boolean", float: "float", str: "string", tuple: "rgb", np.ndarray: "array"}
     for name, value in values.items():
         if isinstance(value, Node):
@@ -266,8 +352,11 @@ def _shape(found: mesh.Mesh, faces: Array, name: str, where: str, objects: list[
     """The mesh of some triangles."""
     used, inverse = np.unique(faces, return_inverse=True)
     arrays = {"vertices": found.vertices, "normals": found.normals, "uv": found.uv}
+    arrays |= found.attributes
     values = {key: Value("array", table[used], where) for key, table in arrays.items()
               if table is not None}  # fmt: skip
     values["faces"] = Value("array", inverse.reshape(-1, 3), where)
     values["flip_tex_coords"] = Value("boolean", True, where)
+    if found.normals is None:
+        values["face_normals"] = Value("boolean", True, where)
     return Node("mesh", where, "shape", name, "", values, [*objects])

@@ -76,9 +76,12 @@ std::vector<DeviceInfo> devices() {
         d.compute_capability = std::to_string(prop.major) + "." + std::to_string(prop.minor);
         d.driver = std::to_string(driver / 1000) + "." + std::to_string(driver % 1000 / 10);
         d.multiprocessors = prop.multiProcessorCount;
-        check(cudaSetDevice(i), "device");
-        size_t free = 0, total = 0;
-        check(cudaMemGetInfo(&free, &total), "device memory");
+        size_t free = 0, total = prop.totalGlobalMem;
+        // Another process may have taken it, or all of its memory: then none is free.
+        if (cudaSetDevice(i) != cudaSuccess || cudaMemGetInfo(&free, &total) != cudaSuccess) {
+            cudaGetLastError();
+            free = 0;
+        }
         d.memory_free = free + DevicePool::of(i).idle();
         d.memory_total = total;
         out.push_back(d);

@@ -27,7 +27,7 @@ DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const Build
     each_on_device(static_cast<uint32_t>(order.size() * 4),
                    GatherStep{reinterpret_cast<const float4*>(records.get()), order.get(),
                               reinterpret_cast<float4*>(out.records.get())});
-    check(cudaDeviceSynchronize(), "tree");
+    wait_for_default("tree");
     out.info.builder = kTreeBuilders[static_cast<uint32_t>(builder)];
     out.info.width = kDeviceWidth;
     out.info.nodes = out.nodes.size();
@@ -67,12 +67,7 @@ class DevicePicture final : public PictureMemory {
         numbers_ = {n, "picture"};
     }
     ~DevicePicture() override {
-        if (!shared_ || in_child()) return;
-        int before = 0;
-        cudaGetDevice(&before);
-        cudaSetDevice(device_);
-        cudaDeviceSynchronize();
-        cudaSetDevice(before);
+        if (shared_) numbers_.free();  // others may still use it, on streams of theirs
     }
     float* numbers() override { return numbers_.get(); }
     void read(size_t first, size_t n, float* out) const override {

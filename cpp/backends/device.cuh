@@ -98,6 +98,11 @@ class Buffer {
         else
             cudaFree(p_);
     }
+    // To the system, not to the pool, when the device has done all work.
+    void free() {
+        if (p_ && !in_child()) cudaFree(p_);
+        p_ = nullptr, n_ = bytes_ = 0;
+    }
     T* get() const { return p_; }
     size_t size() const { return n_; }
     void zero() {
@@ -131,6 +136,17 @@ inline void use_device(int device) {
         usable = true;
     }
     check(cudaSetDevice(device), ("device " + std::to_string(device)).c_str());
+}
+
+// fn(), after which this thread has the device that it had: what asks a caller may use others.
+template <class Fn>
+auto keeping_device(const Fn& fn) {
+    struct Keep {
+        int device = current_device();
+        ~Keep() { cudaSetDevice(device); }
+    };
+    const Keep keep;
+    return fn();
 }
 
 inline unsigned blocks_for(uint64_t n, uint32_t block) {

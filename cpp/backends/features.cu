@@ -40,7 +40,7 @@ __device__ void sum_channel(const FeatureJob& job, const Looks& looks, uint32_t 
         return add_to(job.hits.number(pixel, 0), {hits, 0}, whole);
     }
     uint32_t kind = 0;
-    while (!(job.view.wanted >> kind & 1u) ||
+    while (!(job.view.wanted >> kind & 1u) || channel < job.first[kind] ||
            channel >= job.first[kind] + job.planes[kind].channels)
         ++kind;
     PixelSum one{};
@@ -124,7 +124,8 @@ bool run_features(const Scene& scene, const FeatureJob& asked, const std::vector
         check_launch("features");
         check(cudaStreamSynchronize(nullptr), "features");
         ++stats.launches;
-        complete = !poll || poll(static_cast<double>(end) / static_cast<double>(items));
+        const double share = static_cast<double>(end) / static_cast<double>(items);
+        complete = !poll || keeping_device([&] { return poll(share); });
     }
     if (complete && job.centres) {
         with_feature_variant(needed(view), s.all_features, [&]<uint32_t kVariant>() {

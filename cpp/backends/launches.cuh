@@ -134,7 +134,7 @@ class Watch {
 
     void ask(double share) {
         try {
-            stopped_ = !l_.poll(std::min(1.0, share));
+            stopped_ = !keeping_device([&] { return l_.poll(std::min(1.0, share)); });
         } catch (...) {
             error_ = std::current_exception();
             stopped_ = true;

@@ -75,7 +75,7 @@ struct DeviceExec {
     }
     bool poll(double share) {
         if (l.poll && Clock::now() - last > kPollPause) {
-            stopped = !l.poll(share);
+            stopped = !keeping_device([&] { return l.poll(share); });
             last = Clock::now();
         }
         return !stopped;

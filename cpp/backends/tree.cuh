@@ -107,7 +107,9 @@ class TreeExec {
         check(cudaMemcpy(&value, p, sizeof value, cudaMemcpyDeviceToHost), "tree");
         return value;
     }
-    void progress(double share) { go_on(poll_, share); }
+    void progress(double share) {
+        keeping_device([&] { go_on(poll_, share); });
+    }
 
    private:
     template <class Body>
@@ -144,7 +146,7 @@ struct GatherStep {
 inline DeviceTree build_on_device(const TreeInput& in, const BuildPoll& poll,
                                   Scratch<uint32_t>& order) {
     DeviceTree out;
-    check(cudaDeviceSynchronize(), "tree");
+    wait_for_default("tree");
     const auto start = std::chrono::steady_clock::now();
     TreeExec exec(poll);
     ploc::Builder<kDeviceWidth, TreeExec> builder(exec, in, kScalarWalk);
@@ -152,7 +154,7 @@ inline DeviceTree build_on_device(const TreeInput& in, const BuildPoll& poll,
     out.nodes = {std::max<size_t>(1, root.row.wide[0]), "tree"};
     order = {in.count, "tree"};
     builder.emit(root, out.nodes.get(), order.get());
-    check(cudaDeviceSynchronize(), "tree");
+    wait_for_default("tree");
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
     out.info.depth = root.depth;
     out.info.cost = tree_cost(root.row, root.lo, root.hi);

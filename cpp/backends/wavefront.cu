@@ -33,35 +33,45 @@ __global__ void __launch_bounds__(kWaveBlock)
     block_shadows<Tracer>(scene, job, w, ledger);
 }
 
-// Launches recorded once to be launched together.
+// Launches that are started together, each after the one before. They are not captured from a
+// stream, as a capture fails where any thread waits for the device meanwhile.
 class Graph {
    public:
-    template <class Record>
-    Graph(const Stream& stream, Record record) {
-        cudaGraph_t graph = nullptr;
-        std::exception_ptr error;
-        check(cudaStreamBeginCapture(stream.s, cudaStreamCaptureModeThreadLocal), "graph");
-        try {
-            record();
-        } catch (...) {
-            error = std::current_exception();
-        }
-        cudaError_t status = cudaStreamEndCapture(stream.s, &graph);
-        if (status == cudaSuccess && !error) status = cudaGraphInstantiate(&exec_, graph, 0);
-        if (graph) cudaGraphDestroy(graph);
-        if (error) {
-            cudaGetLastError();
-            std::rethrow_exception(error);
-        }
-        check(status, "graph");
+    Graph() { check(cudaGraphCreate(&graph_, 0), "graph"); }
+    ~Graph() {
+        if (exec_) cudaGraphExecDestroy(exec_);
+        cudaGraphDestroy(graph_);
     }
-    ~Graph() { cudaGraphExecDestroy(exec_); }
     Graph(const Graph&) = delete;
     Graph& operator=(const Graph&) = delete;
+
+    void add_clear(uint32_t* words, size_t n) {
+        cudaMemsetParams what{};
+        what.dst = words, what.elementSize = sizeof *words, what.width = n, what.height = 1;
+        add([&](auto... place) { return cudaGraphAddMemsetNode(place..., &what); }, "clear");
+    }
+    template <class... Arguments>
+    void add_kernel(const char* name, const void* kernel, uint32_t tiles, Arguments... arguments) {
+        void* list[] = {const_cast<void*>(static_cast<const void*>(&arguments))...};
+        cudaKernelNodeParams what{};
+        what.func = const_cast<void*>(kernel), what.kernelParams = list;
+        what.gridDim = dim3(tiles), what.blockDim = dim3(kWaveBlock);
+        add([&](auto... place) { return cudaGraphAddKernelNode(place..., &what); }, name);
+    }
+    void finish() { check(cudaGraphInstantiate(&exec_, graph_, 0), "graph"); }
     void launch(const Stream& stream) const { check(cudaGraphLaunch(exec_, stream.s), "graph"); }
 
    private:
+    cudaGraph_t graph_ = nullptr;
     cudaGraphExec_t exec_ = nullptr;
+    cudaGraphNode_t last_ = nullptr;
+
+    // add_node(node, graph, its predecessors, their number)
+    template <class Add>
+    void add(Add add_node, const char* name) {
+        const cudaGraphNode_t before = last_;
+        check(add_node(&last_, graph_, &before, size_t{before != nullptr}), name);
+    }
 };
 
 struct Event {
@@ -109,34 +119,20 @@ void each_scatter(const WaveKernels& kernels, const SceneView& scene, const Wave
             fn(kernels.scatter[kind], 1 + kind, std::exchange(misses, false));
 }
 
-template <class... Arguments>
-void launch(const char* what, const void* kernel, uint32_t tiles, cudaStream_t stream,
-            Arguments... arguments) {
-    void* list[] = {const_cast<void*>(static_cast<const void*>(&arguments))...};
-    check(cudaLaunchKernel(kernel, tiles, kWaveBlock, list, 0, stream), what);
-}
-
-Graph record_steps(const WaveKernels& kernels, const Launches& l, const Job& job, const Wave& w) {
-    // A capture does not allow that a kernel is loaded.
-    cudaFuncAttributes loaded;
-    for (const void* kernel : {kernels.refill, kernels.trace, kernels.shadow})
-        check(cudaFuncGetAttributes(&loaded, kernel), "kernels");
-    each_scatter(kernels, l.scene, w, [&](const void* kernel, uint32_t, bool) {
-        check(cudaFuncGetAttributes(&loaded, kernel), "kernels");
-    });
+void add_steps(Graph& graph, const WaveKernels& kernels, const Launches& l, const Job& job,
+               const Wave& w) {
     const uint32_t tiles = tile_count(w.capacity);
     uint64_t* const ledger = l.ledger.get();
-    return Graph(l.work, [&] {
-        for (uint32_t step = 0; step < kSteps; ++step) {
-            check(cudaMemsetAsync(&w.control->parts, 0, 3 * sizeof(uint32_t), l.work.s), "wave");
-            launch("refill", kernels.refill, tiles, l.work.s, l.scene, job, w);
-            launch("trace", kernels.trace, tiles, l.work.s, l.scene, w);
-            each_scatter(kernels, l.scene, w, [&](const void* kernel, uint32_t kind, bool misses) {
-                launch("scatter", kernel, tiles, l.work.s, l.scene, job, w, kind, misses, ledger);
-            });
-            launch("shadow", kernels.shadow, tiles, l.work.s, l.scene, job, w, ledger);
-        }
-    });
+    for (uint32_t step = 0; step < kSteps; ++step) {
+        graph.add_clear(&w.control->parts, 3);
+        graph.add_kernel("refill", kernels.refill, tiles, l.scene, job, w);
+        graph.add_kernel("trace", kernels.trace, tiles, l.scene, w);
+        each_scatter(kernels, l.scene, w, [&](const void* kernel, uint32_t kind, bool misses) {
+            graph.add_kernel("scatter", kernel, tiles, l.scene, job, w, kind, misses, ledger);
+        });
+        graph.add_kernel("shadow", kernels.shadow, tiles, l.scene, job, w, ledger);
+    }
+    graph.finish();
 }
 
 // At each launch's end warps wait for the last rays, so a wave is as large as pays: 64 tiles a
@@ -184,7 +180,8 @@ bool render_wavefront(const Launches& l, const Job& job) {
     check(cudaMemsetAsync(w.control, 0, sizeof(WaveControl), l.work.s), "wave");
     check(cudaStreamSynchronize(l.work.s), "wave");
     note_kernel(l.stats, kernels.trace, kWaveBlock);
-    const Graph steps = record_steps(kernels, l, job, w);
+    Graph steps;
+    add_steps(steps, kernels, l, job, w);
     const Event ends[2];
     Watch watch(l, &w.control->stopped);
     const auto share = [&] {

@@ -107,9 +107,10 @@ def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] 
     except device.native.OutOfMemoryError:
         if not move_to_host():
             raise
-        if undo:
-            undo()
-        return call()
+    # Outside of the handler, whose traceback keeps what the first call had.
+    if undo:
+        undo()
+    return call()
 
 
 def _before_fork() -> None:

@@ -70,6 +70,8 @@ def main(
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(code)
+                file.flush()
+                os.fsync(file.fileno())
             os.replace(temporary, output)
         except BaseException:
             os.unlink(temporary)

@@ -116,6 +116,17 @@ def _origin() -> str:
     return digest.hexdigest()[:32]
 
 
+@functools.lru_cache(maxsize=1)
+def _edited() -> bool:
+    """Whether a checkout's headers are newer than its module, which may have other structures."""
+    root, module = sources(), importlib.util.find_spec(f"{__package__}._cuda")
+    origin = module.origin if module else None
+    if root is None or root.name == "device_code" or origin is None:
+        return False
+    built = Path(origin).stat().st_mtime
+    return any(f.stat().st_mtime > built for f in root.rglob("*.*h"))
+
+
 def available() -> str:
     """Why no kernels are made at run time; empty if they are."""
     if mode() == "off":
@@ -124,6 +135,8 @@ def available() -> str:
         return "no libnvrtc (pip install nvidia-cuda-nvrtc)"
     if sources() is None:
         return "the package has no device code"
+    if _edited():
+        return "sources are newer than the module; build it again"
     return "" if sys.executable else "the Python interpreter is unknown"
 
 
@@ -149,7 +162,7 @@ def offer(device: Device, native: NativeScene, method: str, paths: int) -> bool:
                 _settled[key] = False
             else:
                 _advance(device, key, how == "wait")
-        except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+        except (OSError, RuntimeError, MemoryError, subprocess.SubprocessError) as error:
             _give_up(key, str(error))
         return key in _children
 
@@ -172,7 +185,11 @@ def _advance(device: Device, key: Key, wait: bool) -> None:
             _children[key].wait(_WAIT)
             _finish(key)
     if key not in _settled and file.exists():
-        device.native.add_kernels(*key[:2], file.read_bytes())
+        code = file.read_bytes()
+        if not code.startswith(b"\x7fELF"):  # power was lost before it reached the disk
+            file.unlink()
+            raise RuntimeError(f"{file} was damaged")
+        device.native.add_kernels(*key[:2], code)
         _settled[key] = True
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +18,7 @@ import veriray as vr
 from veriray import crew, kernel_compiler, kernels
 from veriray.device import select
 from veriray.errors import DeviceError
+from veriray_validate.scenes import check_scene
 
 #: Quads, area lights, diffuse: the features of Mitsuba's Cornell box.
 BOX = 0x80400001
@@ -133,18 +136,50 @@ def test_a_folder_that_cannot_be_written(fresh: Any, monkeypatch: pytest.MonkeyP
     assert not fresh.native.added and (0, BOX, "fused") in kernels._settled
 
 
-def test_code_that_does_not_load(fresh: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [RuntimeError, MemoryError])
+def test_code_that_does_not_load(
+    fresh: Any, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
     monkeypatch.setattr(kernels, "available", lambda: "")
     monkeypatch.setattr(kernels, "_origin", lambda: "0")
     fresh.folder.mkdir()
-    (fresh.folder / f"fused-sm_90-{BOX:x}-0.cubin").write_bytes(b"not machine code")
+    (fresh.folder / f"fused-sm_90-{BOX:x}-0.cubin").write_bytes(b"\x7fELF, not machine code")
 
     def refuse(*_: object) -> None:
-        raise RuntimeError("no kernel image")
+        raise error("no kernel image")
 
     fresh.native.add_kernels = refuse
     offer(fresh)
     assert (0, BOX, "fused") in kernels._settled
+
+
+def test_a_damaged_file_is_removed(fresh: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "available", lambda: "")
+    monkeypatch.setattr(kernels, "_origin", lambda: "0")
+    fresh.folder.mkdir()
+    file = fresh.folder / f"fused-sm_90-{BOX:x}-0.cubin"
+    file.write_bytes(b"")
+    offer(fresh)
+    assert not file.exists() and not fresh.native.added
+
+
+def test_headers_that_were_edited_after_the_build(
+    fresh: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    header, module = tmp_path / "cpp" / "a.h", tmp_path / "_cuda.so"
+    header.parent.mkdir()
+    for file in (header, module):
+        file.touch()
+    monkeypatch.setattr(kernels, "sources", lambda: header.parent)
+    monkeypatch.setattr(kernels, "compiler", lambda: tmp_path)
+    found = SimpleNamespace(origin=str(module))
+    monkeypatch.setattr(kernels.importlib.util, "find_spec", lambda _: found)
+    for newer in (False, True):
+        os.utime(header, (1e9, 2e9 if newer else 1e9))
+        os.utime(module, (1.5e9, 1.5e9))
+        kernels._edited.cache_clear()
+        assert ("newer" in kernels.available()) == newer
+    kernels._edited.cache_clear()
 
 
 def test_switches(fresh: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,3 +277,29 @@ def test_devices_say_what_they_are() -> None:
     device, _ = select("auto")
     assert device.backend == "cpu" or "." in str(device.details["compute_capability"])
     assert os.fspath(kernels.sources() or "")
+
+
+@pytest.mark.gpu
+def test_waves_while_another_thread_waits_for_the_gpu() -> None:
+    """As a training loop does beside a thread that renders: neither disturbs the other."""
+    driver, context, done = ctypes.CDLL("libcuda.so.1"), ctypes.c_void_p(), threading.Event()
+    waits: list[int] = []
+    scene = check_scene("spheres_300", 32)
+    found = {vr.render(scene, 16, device="cuda:0", scheduler="fused").film_sha256}
+
+    def wait() -> None:
+        driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0)
+        driver.cuCtxSetCurrent(context)
+        while not done.is_set():
+            waits.append(driver.cuCtxSynchronize())
+
+    other = threading.Thread(target=wait)
+    other.start()
+    try:
+        for _ in range(60):
+            render = vr.render(scene, 16, device="cuda:0", scheduler="wavefront")
+            found.add(render.film_sha256)
+    finally:
+        done.set()
+        other.join()
+    assert len(found) == 1 and set(waits) == {0}

@@ -258,6 +258,24 @@ def test_wrong_names(device: Any, message: str) -> None:
 
 
 @pytest.mark.gpu
+def test_a_callback_that_uses_another_gpu() -> None:
+    if sum(d.backend == "cuda" for d in vr.devices()) < 2:
+        pytest.skip("needs two GPUs")
+    scene = vr.cornell_box()
+    wanted = vr.render(scene, 4096, device="cuda:0")
+    other = vr.render(scene, 1, device="cuda:1")
+    calls = []
+
+    def use(share: float) -> None:
+        calls.append(share)
+        vr.render(scene, len(calls), device="cuda:1", width=16, height=16)
+        assert other.image.shape == (512, 512, 3)
+
+    found = vr.render(scene, 4096, device="cuda:0", progress=use)
+    assert calls and found.film_sha256 == wanted.film_sha256
+
+
+@pytest.mark.gpu
 def test_a_gpu_twice() -> None:
     with pytest.raises(ValueError, match="names cuda:0 twice"):
         vr.render(vr.cornell_box(), 1, device="cuda:0,cuda", **SIZE)

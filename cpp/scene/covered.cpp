@@ -8,8 +8,8 @@ namespace {
 // length, which is below 4. The latter, with the rounding of lengths (6 units of 2^-24), is less
 // than kShortened of it.
 constexpr double kNear = 0x1p-18, kShortened = 0x1p-20;
-// Within this, the rounding of two corners, planes count as one, of which the first primitive is
-// met. Of others as close as the rounding of planes either may be met: rays tell which.
+// Within this, the rounding of two corners, equal planes count as one, of which the first primitive
+// is met. Of others as close as the rounding of planes either may be met: rays tell which.
 constexpr double kOnePlane = 0x1p-23, kRounding = 0x1p-22;
 // The share of a lamp that may be covered and is sampled all the same: neighbours whose edges
 // differ by rounding overlap. So much of its light may come through the cover.
@@ -158,8 +158,8 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
             around(box_around(in, lights[k].primitive), box_around(in, lights[k].other));
         return Box{box.low - near, box.high + near};
     };
-    // Rays meet disks, and lamps, of different rounded planes in either order: a lamp that they
-    // find would count beside samples of the other.
+    // Rays meet primitives of different rounded planes in either order: samples of a lamp would
+    // count beside what they find instead of it.
     const auto one_plane = [&](uint32_t a, uint32_t b) {
         const auto column = [&](uint32_t i, uint32_t c) {
             return primitives[size_t{i} * view.primitive_row + size_t{c} * view.primitive_column];
@@ -187,10 +187,9 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         const double size = static_cast<double>(lamp.size());
         const double before = -sum / size * (dot(m, n) < 0 ? -1 : 1);
         const bool same = one_plane(light.primitive, cover) || one_plane(light.other, cover);
-        const bool first = std::abs(before) <= kOnePlane && light.primitive < cover &&
-                           (sources[cover].group == kTriangleGroup
-                                ? same || sources[cover].emission < 0
-                                : same && sources[light.primitive].group == kDiskGroup);
+        const bool first = same && std::abs(before) <= kOnePlane && light.primitive < cover &&
+                           (sources[cover].group == kTriangleGroup ||
+                            sources[light.primitive].group == kDiskGroup);
         if (high <= kNear && before >= -kRounding && !first &&
             covered_share(lamp, other, n) > kSliver &&
             ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i))))

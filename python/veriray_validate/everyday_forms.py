@@ -269,11 +269,13 @@ def coat(x: Contact) -> float:
 def shining(rng: np.random.Generator, lower: str, upper: str, way: str) -> Question:
     """Lossless bodies among walls of radiance 1: they are invisible, whatever touches what.
 
-    Within margins of 1e-4 and of what `coat` says, for a block twice that.
+    Within margins of 1e-4 and of what `coat` says, for a block twice that; light on a wrong way
+    may stay within the body.
     """
     x = contact(rng, lower, upper, way)
     off = coat(x)
-    return Question(str(x), x.scene(LOSSLESS, True), 1.0, 1e-4 + off, 1e-4 + 2 * off, sealed=True)
+    return Question(str(x), x.scene(LOSSLESS, True), 1.0, 1e-4 + off, 1e-4 + 2 * off, sealed=True,
+                    ends=off == 0)  # fmt: skip
 
 
 def balls(rng: np.random.Generator) -> Question:

@@ -39,21 +39,22 @@ def unhidden(w: Array, alpha: Alpha, ggx: bool) -> Array:
 
 def share(mu: float, alpha: Alpha, ggx: bool, reflectance: Callable[[Array], Array],
           eta: float | None = None, azimuth: float = 0.0,
-          heights: bool = False) -> float:  # fmt: skip
+          heights: bool = False, points: int = N) -> float:  # fmt: skip
     """The mean over the slopes that wo sees at a cosine mu, of what goes where wi is not hidden.
 
     reflectance: of a mirror by its cosine to wo. Through the interface if eta, beyond over here, is
     given, else back. azimuth: of wo, from x towards y. heights: shadows are correlated by them. In
-    polar coordinates of the slopes over alpha: Gauss-Legendre in their share, even in angle.
+    polar coordinates of the slopes over alpha: Gauss-Legendre in their share, even in angle, with
+    this many points. Where light is reflected totally, 96 are up to 3e-4 off.
     """
-    x, w = np.polynomial.legendre.leggauss(N)
+    x, w = np.polynomial.legendre.leggauss(points)
     if ggx:  # of slopes (p, q): 1 / (pi (1 + p^2 + q^2)^2); tangent of an angle to pi / 2
         angle = (x + 1) * math.pi / 4
         r, weight = np.tan(angle), w * math.pi / 4 * np.sin(2 * angle)
     else:  # exp(-p^2 - q^2) / pi
         r = (x + 1) * 3
         weight = w * 6 * r * np.exp(-r * r)
-    turn = (np.arange(2 * N) + 0.5) / N * math.pi
+    turn = (np.arange(2 * points) + 0.5) / points * math.pi
     p, q = np.outer(r, np.cos(turn)), np.outer(r, np.sin(turn))
     along, across = np.broadcast_to(alpha, 2)
     m = np.stack([along * p, across * q, np.ones_like(p)])
@@ -77,7 +78,7 @@ def share(mu: float, alpha: Alpha, ggx: bool, reflectance: Callable[[Array], Arr
         both = lit / (own + lit - own * lit) if eta is None else beta(1 / own, 1 / lit) / own
         lit = np.where(sent > 0, both, 0)
     value = seen * sent * lit
-    return float((weight[:, None] * value).sum() / (2 * N))
+    return float((weight[:, None] * value).sum() / (2 * points))
 
 
 def returned(

@@ -501,6 +501,9 @@ def test_a_phong_of_bright_texels(folder: Path) -> None:
         f'<bsdf type="phong">{scaled}{FILE.format("a.png")}</texture></texture>{mirrors}</bsdf>'
     )
     assert "holds 12 numbers above 1" in read(folder, "0.6.0", body)[1]
+    checks = scaled.replace("bitmap", "checkerboard") + '<rgb name="color1" value="0.75"/>'
+    body = BALL.format(f'<bsdf type="phong">{checks}</texture></texture>{mirrors}</bsdf>')
+    assert "texture checkerboard: color1 above 1 is 1" in read(folder, "0.6.0", body)[1]
 
 
 @pytest.mark.parametrize(("scale", "clips"), [(1.25, False), (1.5, True)])

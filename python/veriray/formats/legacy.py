@@ -333,14 +333,17 @@ def _scale_checks(
 ) -> None:
     """A checkerboard times a number: those of its colours that are numbers."""
     for one, default in _CHECKS.items():
+        own = _numbers(_named(held, one), default)
         made, told = _times(_named(held, one), default, factor), ""
-        if made is None:
+        if own is None or made is None:
             told = f"{one} is no number of the file, and stays as it is"
-        elif max(made) > most:
-            told = f"{one} above 1 is 1"
+        else:
+            if max(own if name == "gain" else made) > most:  # what a bsdf's gain clips is no news
+                told = f"{one} above 1 is 1"
             made = tuple(min(x, most) for x in made)
-        if told and name == "scale":  # what `gain` clips is said of the bsdf
-            notes.approximated.append((f"texture scale: {told}", where))
+        if told:
+            kind = "scale" if name == "scale" else "checkerboard"
+            notes.approximated.append((f"texture {kind}: {told}", where))
         _set(held, one, made)
 
 

@@ -217,10 +217,13 @@ LOOKS: dict[tuple[str, str], Look] = {}
 #: (object, parameter) -> why it has no picture; "" or "*" stand for any.
 PLAIN: dict[tuple[str, str], str] = {
     ("bitmap", "channel"): "one channel of the image, of files of Mitsuba 0.x",
+    ("bitmap", "gain"): "a factor on the texels, of files of Mitsuba 0.x",
     ("bitmap", "scale"): "a factor on the texels, of files of Mitsuba 0.x",
     ("constvolume", "color"): "its number, under the name of Mitsuba 2",
     ("mesh", "disable_vertex_normals"): "`face_normals`, under the name of Mitsuba 2",
     ("mesh_attribute", "bytes"): "how a file of Mitsuba 0.x keeps colours",
+    ("mesh_attribute", "gain"): "a factor on the numbers, of files of Mitsuba 0.x",
+    ("obj", "load_materials"): "without effect, of files of Mitsuba 0.x",
     ("ply", "srgb"): "how a file of Mitsuba 0.x keeps colours",
     ("gridvolume", "at_corners"): "how a file of Mitsuba 0.x places cells",
     ("checkerboard", "in_order"): "how a file of Mitsuba 0.x orders colours",

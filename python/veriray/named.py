@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 class Use:
     """A row that holds numbers of an object; part: which, of a row of materials "bsdf", "opacity"
     or "weight". form: "" as they are; "mean": a checkerboard that gives one number holds the means
-    of its two colours, exchanged; "rest": likewise, but 1 minus each mean. Of a weight, "rest"
-    means that the row holds 1 minus it."""
+    of its two colours; "rest": likewise, but 1 minus each mean. Of a weight, "rest" means that the
+    row holds 1 minus it. exchanged: a checkerboard's row holds its second colour first, as it does
+    where one number is wanted, unless the colours are in order."""
 
     table: str
     row: int
     part: str = ""
     form: str = ""
+    exchanged: bool = False
 
 
 @dataclass(frozen=True)

@@ -231,8 +231,8 @@ def _columns(scene: Scene, use: Use) -> dict[str, tuple[str, ...]]:
             return {}
         fields = (getattr(scene, f"texture_field{i}")[row] for i in range(2))
         own = [i for i, field in enumerate(fields) if field < 0]
-        return {f"color{1 - i if use.form else i}": (f"texture_color{i}",) for i in sorted(
-            own, reverse=use.form != "")}  # fmt: skip
+        return {f"color{1 - i if use.exchanged else i}": (f"texture_color{i}",) for i in sorted(
+            own, reverse=use.exchanged)}  # fmt: skip
     weight = objects(scene).of("materials", row, "weight")
     return _of_material(scene, row) | ({"weight": ("blend_weight",)} if weight else {})
 

@@ -370,7 +370,7 @@ def test_a_sky_and_a_sun_that_are_unlike(folder: Path) -> None:
         body = f'{SENSOR}<emitter type="sky">{sky}</emitter>\n<emitter type="sun">{sun}</emitter>'
         told = read(folder, "0.6.0", body)[1]
         assert ("unlike" in told) == bool(unlike)
-        assert "its sun is brighter than" in told
+        assert "another model of the sun; this one is brighter" in told
         if unlike:
             assert "0.6.0.xml:3: emitters sun and sky (" in told and "0.6.0.xml:2)" in told
             assert f'are one sunsky, but unlike in "{unlike}": ' in told
@@ -430,6 +430,133 @@ def test_the_base_of_a_phong_of_checks(folder: Path, held: str, defined: str, wa
     assert warning in told
 
 
+def test_numbers_of_checks_in_order(folder: Path) -> None:
+    """By their names, as opacity alone, and as reflectance too."""
+    checks = '<texture type="checkerboard" id="tx"><float name="color0" value="{}"/><float name="color1" value="0.3"/></texture>'
+    for held in ("", '<ref id="tx" name="reflectance"/>'):
+        body = checks + BALL.format(
+            f'<bsdf type="mask"><ref id="tx" name="opacity"/><bsdf type="diffuse">{held}</bsdf></bsdf>'
+        )
+        scene, other = (read(folder, "0.6.0", body.format(v))[0] for v in (0.9, 0.7))
+        assert math.isclose(np.max(scene.parameters()["tx.color0"]), 0.9, rel_tol=1e-6)
+        assert scene.with_({"tx.color0": 0.7}).sha256 == other.sha256 != scene.sha256
+
+
+@pytest.mark.parametrize("kind", ["checkerboard", "bitmap", "scale"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_others_refer_to_the_texture_of_a_phong(folder: Path, kind: str, order: int) -> None:
+    """It is brighter in the phong alone."""
+    content = {
+        "checkerboard": '<rgb name="color0" value="0.3"/>',
+        "bitmap": FILE.format("a.png"),
+        "scale": '<float name="scale" value="0.5"/><texture type="bitmap" id="u">'
+        + FILE.format("a.png")
+        + "</texture>",
+    }[kind]
+    texture = f'<texture type="{kind}" id="t" name="diffuseReflectance">{content}</texture>'
+    ref = '<ref id="t" name="diffuseReflectance"/>'
+    shape = '<shape type="sphere"><bsdf type="{}">{}</bsdf></shape>'
+    dark = '<rgb name="specularReflectance" value="0.25"/>'
+    for phongs, others in (((texture,), (ref,)), ((ref,), (texture,)), ((texture, ref), (ref,))):
+        parts = [shape.format("phong", one + dark) for one in phongs]
+        parts += [shape.format("diffuse", one) for one in others]
+        scene, told = read(folder, "0.6.0", SENSOR + LIGHT + "\n".join(parts[::order]))
+        apart = [
+            one.replace(ref, texture).replace(' id="t"', "").replace(' id="u"', "") for one in parts
+        ]
+        expected, also = read(folder, "0.6.1", SENSOR + LIGHT + "\n".join(apart[::order]))
+        columns = ("texture_color0", "texture_field0", "texture_kind", "texture_width")
+        for column in columns:
+            found, wanted = getattr(scene, column), getattr(expected, column)
+            assert {*map(str, found)} == {*map(str, wanted)}
+        assert "scale" not in told and "texture" not in told.replace("texture scale", "")
+        assert told.count("phong") == len(phongs) == also.count("phong")
+
+
+def test_scale_of_checks_of_a_parameter(folder: Path) -> None:
+    """What is a number is scaled, and what is not is told."""
+    body = '<default name="c" value="0.5"/>' + TEXTURE.format(
+        "scale",
+        '<float name="scale" value="0.5"/><texture type="checkerboard"><rgb name="color0" value="0.8"/><rgb name="color1" value="$c"/></texture>',
+    )
+    scene, told = read(folder, "0.6.0", body)
+    np.testing.assert_allclose(scene.texture_color0[0], 0.4, rtol=1e-6)
+    np.testing.assert_allclose(scene.texture_color1[0], 0.5, rtol=1e-6)
+    assert "texture scale: color1 is no number of the file, and stays as it is" in told
+
+
+def test_a_phong_of_bright_texels(folder: Path) -> None:
+    """They are clipped, without a word of the file, unless that exceeds 1 itself."""
+    Image.fromarray(np.full((2, 2, 3), 250, np.uint8)).save(folder / "a.png")
+    mirrors = '<rgb name="specularReflectance" value="0.25"/>'
+    for content in (
+        '<texture type="bitmap" name="diffuseReflectance">' + FILE.format("a.png") + "</texture>",
+        '<texture type="checkerboard" name="diffuseReflectance"><rgb name="color0" value="0.9"/></texture>',
+    ):
+        bsdf = f'<bsdf type="phong">{content}{mirrors}</bsdf>'
+        told = read(folder, "0.6.0", BALL.format(bsdf))[1]
+        assert "phong is rendered" in told and "scale" not in told and "holds" not in told
+    scaled = '<texture type="scale" name="diffuseReflectance"><float name="scale" value="2"/><texture type="bitmap">'
+    body = BALL.format(
+        f'<bsdf type="phong">{scaled}{FILE.format("a.png")}</texture></texture>{mirrors}</bsdf>'
+    )
+    assert "holds 12 numbers above 1" in read(folder, "0.6.0", body)[1]
+    checks = scaled.replace("bitmap", "checkerboard") + '<rgb name="color1" value="0.75"/>'
+    body = BALL.format(f'<bsdf type="phong">{checks}</texture></texture>{mirrors}</bsdf>')
+    assert "texture checkerboard: color1 above 1 is 1" in read(folder, "0.6.0", body)[1]
+
+
+@pytest.mark.parametrize(("scale", "clips"), [(1.25, False), (1.5, True)])
+def test_colours_of_vertices_above_1(folder: Path, scale: float, clips: bool) -> None:
+    """Only where a colour is clipped it is told; in a phong it is not."""
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    head += "".join(f"property float {a}\n" for a in ("x", "y", "z", "red", "green", "blue"))
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = "0 0 0 .7 0 0\n1 0 0 0 .7 0\n0 1 0 0 0 .7\n3 0 1 2\n"
+    (folder / "a.ply").write_text(head + rows)
+    shape = '<shape type="ply">' + FILE.format("a.ply") + '<boolean name="srgb" value="false"/>{}'
+    texture = f'<texture type="scale" name="reflectance"><float name="scale" value="{scale}"/><texture type="vertexcolors"/></texture>'
+    body = shape.format(f'<bsdf type="diffuse">{texture}</bsdf></shape>')
+    scene, told = read(folder, "0.6.0", SENSOR + LIGHT + body)
+    assert math.isclose(scene.attribute_values[0, 0], min(0.7 * scale, 1.0), rel_tol=1e-6)
+    assert ("texture scale" in told) == clips == bool(told)
+    phong = f'<bsdf type="phong"><texture type="vertexcolors" name="diffuseReflectance"/><rgb name="specularReflectance" value="{1 - 1 / scale}"/></bsdf></shape>'
+    scene, told = read(folder, "0.6.0", SENSOR + LIGHT + shape.format(phong))
+    assert math.isclose(scene.attribute_values[0, 0], min(0.7 * scale, 1.0), rel_tol=1e-6)
+    assert "phong" in told and "texture" not in told
+
+
+def test_what_is_beyond_a_grid(folder: Path) -> None:
+    """A shape that ends at its box hides it; of a mesh of a file it is a note. An axis of one cell
+    has nothing beyond."""
+    for cells, low in ((np.ones((2, 2, 2)), -1), (np.ones((1, 2, 2)), -5)):
+        head = b"VOL\3" + np.array([1, *cells.shape[::-1], 1], "<i4").tobytes()
+        box = np.array([-1, -1, low, 1, 1, 1], "<f4").tobytes()
+        (folder / "b.vol").write_bytes(head + box + cells.astype("<f4").tobytes())
+        fog = f'<medium type="heterogeneous" name="interior"><volume name="density" type="gridvolume">{FILE.format("b.vol")}</volume></medium>'
+        for shape, side, warned in (
+            ("cube", 1, False),
+            ("sphere", 1, False),
+            ("cube", 1.2, True),
+            ("sphere", 1.2, True),
+        ):
+            moved = f'<transform name="toWorld"><scale value="{side}"/></transform>'
+            body = f'{SENSOR}{LIGHT}<shape type="{shape}">{moved}{fog}</shape>'
+            scene, told = read(folder, "0.6.0", body)
+            assert (BEYOND in told) == warned
+            if warned:
+                assert "gridvolume: the medium half a cell beyond its box" in told
+    (folder / "m.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    body = f'{SENSOR}{LIGHT}<shape type="obj">{FILE.format("m.obj")}{fog}</shape>'
+    scene, told = read(folder, "0.6.0", body)
+    assert not told and any(BEYOND in note for note in scene.notes)
+    cells = np.zeros((1, 3, 3))
+    cells[0, 1, 1] = 1
+    assert not grid(folder, cells)[1]
+
+
 def test_materials_of_an_obj_are_told(folder: Path) -> None:
     """Where its shape has no bsdf, and the file is there."""
     (folder / "m.obj").write_text("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
@@ -441,6 +568,11 @@ def test_materials_of_an_obj_are_told(folder: Path) -> None:
     assert "m.mtl" in read(folder, "0.6.0", body.format('<emitter type="area"/>'))[1]
     assert not read(folder, "0.6.0", body.format('<bsdf type="plastic"/>'))[1]
     assert not read(folder, "3.0.0", body.format(""))[1]
+    assert not read(folder, "0.6.0", body.format('<boolean name="loadMaterials" value="false"/>'))[
+        1
+    ]
+    load = '<boolean name="loadMaterials" value="true"/>'
+    assert "m.mtl" in read(folder, "0.6.0", body.format(load))[1]
 
 
 def test_today_refuses_what_is_old(folder: Path) -> None:

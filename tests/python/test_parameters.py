@@ -331,6 +331,28 @@ USES: dict[str, Any] = {
         },
         "c.color0", 0.75, 0.5,
     ),
+    "colour and opacity in order": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25, "in_order": True},
+            "l": ball(-1, {"type": "diffuse", "reflectance": BOARD_REF}),
+            "r": ball(1, {"type": "mask", "opacity": BOARD_REF, "held": diffuse(0)}),
+        },
+        "c.color0", 0.75, 0.5,
+    ),
+    "opacity alone in order": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25, "in_order": True},
+            "r": ball(1, {"type": "mask", "opacity": BOARD_REF, "held": diffuse(0)}),
+        },
+        "c.color0", 0.75, 0.5,
+    ),
+    "weight in order of a blend that is turned round": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25, "in_order": True},
+            "r": ball(1, {"type": "blendbsdf", "weight": BOARD_REF, "a": TWO, "b": diffuse(0)}),
+        },
+        "c.color0", 0.75, 0.5,
+    ),
     "colour and lamp": (
         lambda v: {
             "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25},

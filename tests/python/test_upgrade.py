@@ -1,5 +1,5 @@
 # ruff: noqa: E501 (the tables of what is approximated)
-"""Scene files of Mitsuba 0.4 to 1.x: the scene that the same file in today's terms gives."""
+"""Scene files of Mitsuba 0.3 to 1.x: the scene that the same file in today's terms gives."""
 
 from __future__ import annotations
 
@@ -444,7 +444,6 @@ def number(name: str, value: object) -> str:
 
 BECKMANN = '<string name="distribution" value="beckmann"/>'
 BITMAP = '<texture type="bitmap" name="{}"/>'
-BRIGHTER = " ".join([repr(1 / (1 - 0.25))] * 3)
 BK7 = '<string name="int_ior" value="bk7"/>'
 ROUGH_METAL = bsdf("roughconductor", '<string name="material" value="Cu"/>', number("alpha", 0.2))
 COPPER = '<string name="material" value="Cu"/>'
@@ -462,7 +461,7 @@ APPROXIMATED = {
     ),
     "phong of a texture": (
         bsdf("phong", number("exponent", 49.5), BITMAP.format("diffuseReflectance"), rgb("specularReflectance", "0.25")),
-        bsdf("roughplastic", f'<texture type="bitmap" name="diffuse_reflectance">{rgb("scale", BRIGHTER)}</texture>', rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        bsdf("roughplastic", f'<texture type="bitmap" name="diffuse_reflectance">{number("gain", 1 / 0.75)}</texture>', rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
         "bsdf phong is rendered as roughplastic of alpha 0.1",
     ),
     "phong of a spectrum": (

@@ -31,6 +31,7 @@ from .node import _FLOAT
 Warn = Callable[[str, str], None]
 _DEEPEST = 8  # coats on each other; one that holds itself has no end
 _MOST = 0.64  # of a coat's reflectance at normal incidence: an index of 9
+_SCALABLE = ("bitmap", "checkerboard", "gridtexture", "wireframe", "mesh_attribute", "scale")
 _TINTED = {
     "diffuse": ("reflectance", 0.5),
     "plastic": ("diffuse_reflectance", 0.5),
@@ -106,7 +107,7 @@ def _glossy(element: _Element, plugin: str, where: str, root: _Element, warn: Wa
 
 
 def _brighter(given: _Element, factor: float, root: _Element) -> str:
-    """Multiplies a texture or a spectrum; returns what to say if it cannot."""
+    """Multiplies a texture or a spectrum, 1 at most; returns what to say if it cannot."""
     name, parent = str(given.get("name")), given.getparent()
     held = _resolved(given, root, "texture") if given.tag in ("texture", "ref") else None
     pairs = [w.split(":") for w in re.findall(r"[^\s,]+", str(given.get("value")))]
@@ -115,10 +116,12 @@ def _brighter(given: _Element, factor: float, root: _Element) -> str:
         _numbers(e, 1.0) is None for e in held.iter() if e.get("name") in known
     ):
         held = None
+    if held is not None and held.get("type") not in _SCALABLE:
+        held = None
     if held is not None and parent is not None:
         made = etree.SubElement(parent, "texture", type="scale", name=name)
         made.sourceline = given.sourceline
-        _add(made, "float", "scale", repr(factor))
+        _add(made, "float", "gain", repr(factor))
         parent.replace(given, made)
         made.append(given)
         given.attrib.pop("name")
@@ -248,6 +251,15 @@ def _set(element: _Element, name: str, colour: tuple[float, ...] | None, new: st
     if old is not None:
         element.remove(old)
     _add(element, "rgb", new or name, " ".join(map(repr, colour)))
+
+
+def _transform(element: _Element, name: str) -> _Element:
+    """The transform of this name, or a new one."""
+    found = _named(element, name)
+    if found is None:
+        found = etree.SubElement(element, "transform", name=name)
+        found.sourceline = element.sourceline
+    return found
 
 
 def _add(element: _Element, tag: str, name: str, value: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections import Counter
@@ -104,6 +105,7 @@ class _Builder:
         self.sky: dict[str, Any] = {}
         self.beams: Node | None = None  # the first directionalarea
         self.hides = False  # emitters, those too that emit nothing
+        self.beyond: dict[int, volumes.Grid] = {}  # by medium: of version 0.x
         #: materials that have textures: what they read from meshes
         self.textured: dict[int, list[Attribute]] = {}
         self.textured_lamps: dict[int, list[Attribute]] = {}  # emissions, likewise
@@ -338,7 +340,7 @@ class _Builder:
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""
-        first: dict[tuple[str, float, bool], int] = {}
+        first: dict[tuple[str, float, float, bool], int] = {}
         blocks: list[Array] = []
         for _, _, row in self.tables.rows["textures"].values():
             attribute = row.get("attribute")
@@ -502,6 +504,7 @@ class _Builder:
         row = self.texels.row(node, values, most=most, inverse=inverse)
         if number:
             row["form"] = "rest" if inverse else "mean"
+            row["exchanged"] = not textures.in_order(node)
         for name in ("texture_color0", "texture_color1"):
             if number and name in row and not known:
                 mean = sum(row[name]) / 3
@@ -562,11 +565,7 @@ class _Builder:
         if "sigma_t" in grids:
             coloured |= grids["sigma_t"].cells.shape[3] > 1
             if grids["sigma_t"].beyond():
-                text = "half a cell beyond its box is as at its edge, but empty in version 0.x"
-                self.report.warn(
-                    f"gridvolume: {text}; it counts where its shape is larger than the box",
-                    grids["sigma_t"].node.where,
-                )
+                self.beyond[index] = grids["sigma_t"]
         self.media.append((node, coloured))
         for name, grid in grids.items():
             row[f"{name}_grid"] = self.tables.index("grids", grid.node, self.grids.placed(grid))
@@ -577,6 +576,21 @@ class _Builder:
             row.setdefault("phase_lobe", place)
             row["phase_lobes"] = len(lobes)
         return index
+
+    def check_beyond(self, node: Node, values: dict[str, Any], media: tuple[int, int]) -> None:
+        """Tells of grids of version 0.x that a shape shows beyond their box."""
+        text = "the medium half a cell beyond its box is as at the box's edge, but was empty in "
+        for side, medium in enumerate(media):
+            grid = self.beyond.get(medium)
+            if grid is None:
+                continue
+            corners = None if side else _hull(node, values)
+            if corners is None and not side:
+                told = f"gridvolume: {text}version 0.x; it counts where its shape is larger"
+                self.report.note(told, grid.node.where)
+            elif corners is None or grid.reached(corners):
+                told = f"gridvolume: {text}version 0.x; its shape {node} reaches there"
+                self.report.warn(told, grid.node.where)
 
     def check_medium(
         self, node: Node
@@ -705,6 +719,7 @@ class _Builder:
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
         if values["to_world"] is None:
             values["to_world"] = IDENTITY
+        self.check_beyond(node, values, media)
         solid = (must_be_closed(one, media[0] >= 0) for one in materials.both(row))
         return node, values, (material, emission, boundary), next(filter(None, solid), "")
 
@@ -818,6 +833,17 @@ class _Builder:
         return {"light_texture": image, "light_image": axes}
 
 
+def _hull(node: Node, values: dict[str, Any]) -> Array | None:
+    """Points (8, 3) in the world whose hull a shape is within; None if its file has to be read."""
+    if node.plugin not in ("cube", "sphere"):
+        return None
+    centre, radius = values.get("center") or (0.0,) * 3, values.get("radius") or 1.0
+    corners = np.array([*itertools.product((-1.0, 1.0), repeat=3)]) * radius + centre
+    matrix = values["to_world"]
+    result: Array = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    return result
+
+
 _SKIES = ("constant", "envmap", "sunsky", "timed_sunsky")
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
@@ -861,7 +887,9 @@ class _Tables:
         for table in ("media", "lights", "emissions", "textures"):
             for number, key, row in self.rows[table].values():
                 if isinstance(key, Node) and key.id:  # copies of textures have the same
-                    add((table, key.id), key.id, Use(table, number, form=row.get("form", "")))
+                    form, exchanged = row.get("form", ""), row.get("exchanged", False)
+                    use = Use(table, number, form=form, exchanged=exchanged)
+                    add((table, key.id), key.id, use)
         holders: dict[str, int] = {}
         merged: set[str] = set()
         products: set[tuple[int, str]] = set()

@@ -10,14 +10,17 @@ surface is as a `null` border.
 
 With a warning that names the line, as the light differs:
 
-- textures: `scale` of a bitmap, by a number or a colour, clips above 1; `gridtexture` and
+- textures: `scale` of a bitmap, by a number or a colour, clips above 1, and of checks leaves a
+  colour that is no number of the file; `gridtexture` and
   `wireframe` by the colour between their lines; `wrapMode` `zero` and `one` as `clamp`, two modes
   as that of u, a gamma as sRGB;
 - emitters: `sun` and `sunsky`, whose sun is brighter; a `sky` and a `sun` that are unlike, as one
-  `sunsky`; of a `gridvolume` half a cell beyond its box, where more than 0 is there;
+  `sunsky`; of a `gridvolume` half a cell beyond its box, where more than 0 is there and
+  its shape reaches there;
 - media: coefficients that are not given are those of `material`, or of `skin1`, in 1/mm, as the
   manual says; the program took 100 times as much;
-- OBJ files without a bsdf: the materials of their library are not read;
+- OBJ files without a bsdf, unless `loadMaterials` is false: the materials of their library are not
+  read;
 - bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo;
 - a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
   e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +
@@ -32,13 +35,14 @@ With a warning that names the line, as the light differs:
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import TYPE_CHECKING
 
 from lxml import etree
 from lxml.etree import _Element
 
 from . import legacy_media
-from .approximate import _add, _named, _numbers, _resolved, _set
+from .approximate import _add, _named, _numbers, _resolved, _set, _transform
 from .node import _FLOAT, shorten
 from .plugins import PLUGINS
 
@@ -54,6 +58,7 @@ _TURN = "0 1 0 0 0 0 1 0 1 0 0 0 0 0 0 1"
 _APERTURE = 0.5358
 #: Of version 0.3 -> of 0.4.
 _EARLY = {"densityMultiplier": "scale", "intensityScale": "scale", "focusDepth": "focusDistance"}
+_CHECKS = {"color0": 0.4, "color1": 0.2}
 #: Parameters that a sky and a sun have each for itself, and those that change no light.
 _OWN = ("scale", "sunRadiusScale", "albedo", "stretch", "extend", "resolution", "samplingWeight")
 _SUN_LEFT_OUT = ("stretch", "extend", "resolution", "cache")
@@ -163,10 +168,7 @@ def _early(element: _Element) -> None:
         _rename(element, "intensity", "radiance" if lamp == "constant" else "irradiance")
     if element.tag != "sensor":
         return
-    place = _named(element, "toWorld")
-    if place is None:
-        place = etree.SubElement(element, "transform", name="toWorld")
-        place.sourceline = element.sourceline
+    place = _transform(element, "toWorld")
     mirror = etree.Element("scale", x="-1")
     mirror.sourceline = element.sourceline
     place.insert(0, mirror)
@@ -197,7 +199,8 @@ def _one_sky(skies: list[_Element], file: str, notes: Notes) -> None:
     unlike = [n for n in both if n not in _OWN and _said(sky, n) != _said(sun, n)]
     if unlike:
         text = f"emitters sun and sky ({file}:{sky.sourceline}) are one sunsky, but unlike in "
-        text += f"{', '.join(map(shorten, unlike))}: the sky's counts for both, or the only one"
+        text += ", ".join(map(shorten, unlike))
+        text += ": the sky's parameters are used, and the sun's where the sky has none"
         notes.approximated.append((text, where))
     for child in list(sun):
         name = str(child.get("name"))
@@ -221,7 +224,7 @@ def _sunsky(element: _Element, where: str, notes: Notes) -> None:
         _add(element, "float", "sun_scale" if plugin == "sky" else "sky_scale", "0")
     element.set("type", "sunsky")
     if plugin != "sky":
-        text = f"emitter {plugin}: its sun is brighter than version 0.x's, which had another model"
+        text = f"emitter {plugin}: version 0.x had another model of the sun; this one is brighter"
         notes.approximated.append((text, where))
     if plugin != "sun" and _named(element, "albedo") is None:
         _add(element, "rgb", "albedo", "0.2")
@@ -237,10 +240,7 @@ def _sunsky(element: _Element, where: str, notes: Notes) -> None:
             element.remove(child)
             if name in ("stretch", "extend") and child.get("value") not in ("1", "1.0", "false"):
                 notes.approximated.append((f"emitter {plugin}: {name} is left out", where))
-    place = _named(element, "to_world")
-    if place is None:
-        place = etree.SubElement(element, "transform", name="to_world")
-        place.sourceline = element.sourceline
+    place = _transform(element, "to_world")
     turn = etree.Element("matrix", value=_TURN)
     turn.sourceline = element.sourceline
     place.insert(0, turn)
@@ -263,70 +263,106 @@ def _grid(element: _Element, where: str, notes: Notes) -> None:
 
 
 def _scaled(element: _Element, where: str, notes: Notes, depth: int = 8) -> None:
-    """A texture times a number as that texture. depth: of such in it; one in itself has no end."""
-    if not depth:
+    """A texture times a number, `scale` or `gain`, as that texture. depth: of such in it; one in
+    itself has no end."""
+    parent = element.getparent()
+    if not depth or parent is None:
         return  # refused as an unknown texture
     for child in list(element):
-        copied = None
-        if child.tag == "ref":  # a texture elsewhere in the file
-            copied = _resolved(child, element.getroottree().getroot(), "texture")
-        if copied is not None:
-            element.replace(child, copied)
-            child = copied
-        if child.tag == "texture" and child.get("type") == "scale":
-            _scaled(child, where, notes, depth - 1)
-        elif copied is not None:
-            _OBJECTS.get(("texture", str(child.get("type"))), _other)(child, where, notes)
+        _apart(child, element, where, notes, depth)
     inner = [c for c in element if c.tag == "texture"]
     colours = [c for c in element if c.tag in _VALUES and c.get("name") == "value"]
-    factor = _numbers(_named(element, "scale"), 1.0)
-    parent = element.getparent()
-    if factor is None or parent is None or len(inner) + len(colours) != 1:
+    name = "scale" if _named(element, "gain") is None else "gain"
+    factor = _numbers(_named(element, name), 1.0)
+    if factor is None or len(inner) + len(colours) != 1:
         return  # refused as an unknown texture
     if colours:
-        colour = _numbers(colours[0], 1.0)
-        if colour is None:
-            return
-        made = tuple(a * b for a, b in zip(colour, factor, strict=True))
-        element[:] = []
-        element.set("type", "checkerboard")
-        for one in ("color0", "color1"):
-            _set(element, one, made)
+        made = _times(colours[0], 1.0, factor)
+        if made is not None:
+            element[:] = []
+            element.set("type", "checkerboard")
+            for one in _CHECKS:
+                _set(element, one, made)
         return
     held = inner[0]
     if held.get("type") in ("gridtexture", "wireframe"):
         _grid(held, where, notes)
     if held.get("type") == "checkerboard":
-        for one, default in (("color0", 0.4), ("color1", 0.2)):
-            colour = _numbers(_named(held, one), default)
-            if colour is None:
-                return
-            made = tuple(a * b for a, b in zip(colour, factor, strict=True))
-            if parent.tag == "bsdf" and max(made) > 1:
-                notes.approximated.append((f"texture scale: {one} above 1 is 1", where))
-                made = tuple(min(x, 1.0) for x in made)
-            _set(held, one, made)
-    elif held.get("type") == "bitmap":
-        before = _numbers(_named(held, "scale"), 1.0)
-        if before is None:
-            return
-        _set(held, "scale", tuple(a * b for a, b in zip(before, factor, strict=True)))
-    elif held.get("type") == "mesh_attribute" and len(set(factor)) == 1:
-        if parent.tag == "bsdf" and factor[0] > 1:
-            notes.approximated.append(("texture scale: colours above 1 are 1", where))
-        before, own = (1.0,) * 3, _named(held, "scale")
-        if own is not None:
-            before = _numbers(own, 1.0) or before
-            held.remove(own)
-        _add(held, "float", "scale", repr(before[0] * factor[0]))
-    elif factor != (1.0,) * 3:
+        _scale_checks(held, factor, 1.0 if parent.tag == "bsdf" else inf, where, notes, name)
+    elif not _scale_texels(held, factor, name):
         return
     for key in ("name", "id"):
         held.attrib.pop(key, "")
         if element.get(key) is not None:
             held.set(key, str(element.get(key)))
     parent.replace(element, held)
-    notes.add("a texture of type scale is its texture's own scale", where)
+    if name == "scale":
+        notes.add("a texture of type scale is its texture's own scale", where)
+
+
+def _apart(child: _Element, element: _Element, where: str, notes: Notes, depth: int) -> None:
+    """Makes what a texture `scale` holds its own: a copy where others may refer to it."""
+    if child.tag not in ("ref", "texture"):
+        return
+    root = element.getroottree().getroot()
+    copied = None
+    if child.tag == "ref" or any(e.get("id") for e in child.iter() if e.tag != "ref"):
+        copied = _resolved(child, root, "texture")
+    if copied is not None:
+        element.replace(child, copied)
+        if child.tag == "texture":  # is read in its turn
+            child.attrib.pop("name", "")
+            root.append(child)
+        child = copied
+    if child.tag == "texture" and child.get("type") == "scale":
+        _scaled(child, where, notes, depth - 1)
+    elif copied is not None:
+        _OBJECTS.get(("texture", str(child.get("type"))), _other)(child, where, notes)
+
+
+def _times(
+    given: _Element | None, default: float, factor: tuple[float, ...]
+) -> tuple[float, ...] | None:
+    """A parameter's numbers times others; None if it gives none."""
+    own = _numbers(given, default)
+    return own and tuple(a * b for a, b in zip(own, factor, strict=True))
+
+
+def _scale_checks(
+    held: _Element, factor: tuple[float, ...], most: float, where: str, notes: Notes, name: str
+) -> None:
+    """A checkerboard times a number: those of its colours that are numbers."""
+    for one, default in _CHECKS.items():
+        own = _numbers(_named(held, one), default)
+        made, told = _times(_named(held, one), default, factor), ""
+        if own is None or made is None:
+            told = f"{one} is no number of the file, and stays as it is"
+        else:
+            if max(own if name == "gain" else made) > most:  # what a bsdf's gain clips is no news
+                told = f"{one} above 1 is 1"
+            made = tuple(min(x, most) for x in made)
+        if told:
+            kind = "scale" if name == "scale" else "checkerboard"
+            notes.approximated.append((f"texture {kind}: {told}", where))
+        _set(held, one, made)
+
+
+def _scale_texels(held: _Element, factor: tuple[float, ...], name: str) -> bool:
+    """Another texture times a number, as its own `scale` or `gain`; whether it can be."""
+    even = name == "gain" or held.get("type") == "mesh_attribute"
+    if held.get("type") not in ("bitmap", "mesh_attribute") or (even and len(set(factor)) > 1):
+        return factor == (1.0,) * 3
+    own = _named(held, name)
+    made = _times(own, 1.0, factor)
+    if made is None:
+        return False
+    if even:
+        if own is not None:
+            held.remove(own)
+        _add(held, "float", name, repr(made[0]))
+    else:
+        _set(held, name, made)
+    return True
 
 
 def _bitmap(element: _Element, where: str, notes: Notes) -> None:

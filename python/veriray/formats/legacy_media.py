@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from lxml import etree
 from lxml.etree import _Element
 
-from .approximate import _add, _named, _numbers, _set
+from .approximate import _add, _named, _numbers, _set, _transform
 from .node import _FLOAT
 from .plugins import IORS
 
@@ -202,10 +202,7 @@ def grid(element: _Element, where: str, notes: Notes) -> None:
     if low is None or high is None:
         _add(element, "boolean", "use_grid_bbox", "true")
         return
-    place = _named(element, "to_world")
-    if place is None:
-        place = etree.SubElement(element, "transform", name="to_world")
-        place.sourceline = element.sourceline
+    place = _transform(element, "to_world")
     sides = [b - a for a, b in zip(low, high, strict=True)]
     for at, (tag, numbers) in enumerate((("scale", sides), ("translate", low))):
         step = etree.Element(tag, value=" ".join(map(repr, numbers)))

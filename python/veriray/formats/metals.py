@@ -8,7 +8,8 @@ from .node import allowed, shorten
 
 RGB = tuple[float, float, float]
 #: Those that no page with n and k over the visible range resembles: RGB of Mitsuba 3.9.1's own data
-#: (`data/ior` of its package, BSD-3-Clause; luxpop.com), 0 where that does not reach.
+#: (`data/ior` of its package, BSD-3-Clause; luxpop.com). Zeros are where the data do not reach, or
+#: negative numbers, which Mitsuba clamps.
 MITSUBAS: dict[str, tuple[RGB, RGB]] = {
     "AlAs": ((3.605296, 3.232938, 2.216319), (0.000679, 0.0, 0.007513)),
     "AlSb": ((0.0, 4.139375, 4.669254), (0.0, 0.094009, 1.30057)),

@@ -426,7 +426,11 @@ class _Reader:
         return node
 
     def library(self, node: Node, path: Path) -> None:
-        """Warns of an OBJ file's materials, which a shape without a bsdf had in version 0.x."""
+        """Warns of an OBJ file's materials, which a shape without a bsdf had in version 0.x unless
+        it said otherwise."""
+        given = node.values.get("load_materials")
+        if given is not None and given.value is False:
+            return
         for child in node.children:
             if not child.name if isinstance(child, Ref) else child.category == "bsdf":
                 return

@@ -140,6 +140,7 @@ _ELLIPSOIDS = {
         "boolean", False, doc="extent: the root of 2 log(opacity / .01); none up to .01"
     ),
 }
+_GAIN = Param("float", 1.0, 0.0, doc="factor on what is in range, the rest clipped; of version 0.x")
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
 #: Kinds that are no plugins but what a parameter makes of one.
@@ -692,7 +693,18 @@ PLUGINS: dict[str, Plugin] = {
         _ON_SHAPES,
         doc="a flat shell about each ellipsoid",
     ),
-    "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
+    "obj": Plugin(
+        "shape",
+        {
+            **_MESH,
+            **_flip_uv(True),
+            "load_materials": Param(
+                "boolean", True, doc="without effect: no materials are read; of version 0.x"
+            ),
+        },
+        _ON_SHAPES,
+        doc="Wavefront OBJ",
+    ),
     "ply": Plugin(
         "shape",
         {
@@ -897,6 +909,7 @@ PLUGINS: dict[str, Plugin] = {
             "bitmap": Param("array", None, doc="likewise; uint8 is sRGB unless raw"),
             "raw": Param("boolean", False, doc="8-bit texels are linear, not sRGB"),
             "scale": Param(COLOUR, 1.0, 0.0, doc="factor on the texels; of version 0.x"),
+            "gain": _GAIN,
             "channel": Param(
                 "string", None, choices=CHANNELS, doc="that alone, as grey; of version 0.x"
             ),
@@ -934,6 +947,7 @@ PLUGINS: dict[str, Plugin] = {
                 1.0,
                 doc="factor on the numbers; with it they are in the range of what they stand for",
             ),
+            "gain": _GAIN,
             "bytes": Param(
                 "boolean", False, doc="numbers up to 255 are shares, of a ply sRGB; of version 0.x"
             ),

@@ -289,7 +289,7 @@ class Shapes:
                     found[name] = one
         return found
 
-    def attribute(self, key: tuple[str, float, bool], count: int) -> Array:
+    def attribute(self, key: tuple[str, float, float, bool], count: int) -> Array:
         """The rows (count, 3) float32 of an attribute for all vertices or triangles, zero for those
         of meshes that do not show it or have it not; raises SceneError as `Attribute.of`."""
         rows, name = np.zeros((count, 3), np.float32), key[0]
@@ -302,6 +302,8 @@ class Shapes:
                     self.warned.append((one.missing(node, found), node.where))
                     continue
                 values = one.of(node, found)
+                if text := one.clipped(node, found):
+                    self.warned.append((text, node.where))
                 rows[first : first + len(values)] = values
         return rows
 

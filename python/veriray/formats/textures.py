@@ -58,6 +58,11 @@ def textures_in(node: Node, resolve: Callable[[Ref, Node], Node]) -> dict[str, N
     return found
 
 
+def in_order(node: Node) -> bool:
+    """Whether a checkerboard's colours are in their order where one number is wanted, too."""
+    return "in_order" in node.values and node.values["in_order"].value is True
+
+
 def copied(
     node: Node, resolve: Callable[[Ref, Node], Node], exchange: bool = False, depth: int = 0
 ) -> Node:
@@ -66,8 +71,7 @@ def copied(
     check_depth(node, depth)
     values, held = dict(node.values), textures_in(node, resolve)
     inside = {name: copied(child, resolve, exchange, depth + 1) for name, child in held.items()}
-    ordered = "in_order" in values and values["in_order"].value is True
-    if exchange and node.plugin == "checkerboard" and not ordered:
+    if exchange and node.plugin == "checkerboard" and not in_order(node):
         names = "color0", "color1"
         params = PLUGINS[node.plugin].params
         for name in names:
@@ -150,7 +154,8 @@ class Texels:
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
         channel, scale = values["channel"], np.array(values["scale"], np.float32)
         scale = scale[:1] if (scale == scale[0]).all() else scale  # one colour leaves grey texels
-        key = str(path), raw, most, inverse, channel, tuple(scale.tolist())
+        gain = values["gain"]
+        key = str(path), raw, most, inverse, channel, tuple(scale.tolist()), gain
         stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
@@ -165,6 +170,9 @@ class Texels:
                 node, image.texels, name, where, self.report, most
             )
             made = images.Image(texels, image.encoded)
+            if gain != 1:
+                brighter = made.linear() * np.float32(gain)
+                made = images.Image(np.minimum(brighter, np.float32(most)))
             stored = self._store(_inverse(made) if inverse else made)
             if path is not None:
                 self.known[key] = stored
@@ -211,19 +219,22 @@ class Texels:
 
 @dataclass(eq=False)
 class Attribute:
-    """What a texture reads from meshes. old: numbers of 0 to 255 are shares, of a PLY file sRGB.
-    most: what they may not exceed. single: where one number of it is wanted, "" if nowhere."""
+    """What a texture reads from meshes. gain: a further factor, by which they do not exceed `most`.
+    old: numbers of 0 to 255 are shares, of a PLY file sRGB; those that `scale` takes beyond `most`
+    are clipped. most: what they may not exceed. single: where one number of it is wanted, "" if
+    nowhere."""
 
     name: str
     scale: float
+    gain: float = 1.0
     old: bool = False
     most: float = 1.0
     single: str = ""
 
     @property
-    def key(self) -> tuple[str, float, bool]:
+    def key(self) -> tuple[str, float, float, bool]:
         """What its rows depend on besides the mesh."""
-        return self.name, self.scale, self.old
+        return self.name, self.scale, self.gain, self.old
 
     def missing(self, node: Node, found: Mesh | None = None) -> str:
         """What to say of a shape without it; Mitsuba's variants for GPU and LLVM read 0, too."""
@@ -232,6 +243,15 @@ class Attribute:
             f"{node}: its material or lamp reads {shorten(self.name)}, which the mesh has not; it "
             f"counts as 0. It has: {other or 'no attributes'}"
         )
+
+    def clipped(self, node: Node, found: Mesh) -> str:
+        """What to say of the mesh of a shape where numbers are clipped; "" if none are."""
+        if not (self.old and self.scale > 1):
+            return ""
+        with np.errstate(all="ignore"):
+            over = (_shares(found.attributes[self.name], node) * self.scale > self.most).any()
+        text = f"{node}: texture scale: {shorten(self.name)} times {self.scale:g} exceeds "
+        return f"{text}{self.most:g}, which is rendered there" if over else ""
 
     def of(self, node: Node, found: Mesh) -> Array:
         """Its rows (V or T, 3) float32 for the mesh of a shape.
@@ -262,6 +282,8 @@ class Attribute:
                 f"scale = {self.scale:g} it must be in {allowed}",
                 node.where,
             )
+        if self.gain != 1:
+            rows = np.minimum(rows * np.float32(self.gain), np.float32(self.most))
         return np.broadcast_to(rows, (len(rows), 3))
 
 
@@ -287,7 +309,7 @@ def _attribute(node: Node, values: dict[str, Any], most: float) -> materials.Row
         )
     return {
         "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
-        "attribute": Attribute(name, values["scale"], values["bytes"], most),
+        "attribute": Attribute(name, values["scale"], values["gain"], values["bytes"], most),
     }
 
 

@@ -18,6 +18,7 @@ from .plugins import VOLUME_FILTERS
 
 Array = npt.NDArray[Any]
 _SOURCES = ("filename", "grid", "data")
+_NEAR = 1e-5  # of the side of a grid: what rounding moves
 _UNIT = np.array([[0.0] * 3, [1.0] * 3], np.float32)
 #: Volumes by the parameter that they give, with their checked parameters.
 Given = dict[str, tuple[Node, dict[str, Any]]]
@@ -33,10 +34,31 @@ class Grid:
     largest: float
     row: materials.Row
 
-    def beyond(self) -> bool:
-        """Whether more than 0 is up to half a cell beyond its box, as was not in version 0.x."""
-        old = "at_corners" in self.node.values and self.node.values["at_corners"].value
-        return bool(old) and any(self.cells.take((0, -1), axis).any() for axis in range(3))
+    def beyond(self, low: Array | None = None, high: Array | None = None) -> bool:
+        """Whether more than 0 is up to half a cell beyond its box, as was not in version 0.x. low,
+        high: the least and the largest coordinates of a shape in the unit cube of the cells; beyond
+        them nothing counts."""
+        if "at_corners" not in self.node.values or not self.node.values["at_corners"].value:
+            return False
+        for axis in range(3):  # x, y, z
+            count = self.cells.shape[2 - axis]
+            first, last = 0.5 / count - _NEAR, 1 - 0.5 / count + _NEAR
+            if count == 1:
+                continue
+            if (low is None or low[axis] < first) and self.cells.take(0, 2 - axis).any():
+                return True
+            if (high is None or high[axis] > last) and self.cells.take(-1, 2 - axis).any():
+                return True
+        return False
+
+    def reached(self, corners: Array) -> bool:
+        """Whether a shape within the hull of these points (N, 3) is where `beyond` says."""
+        matrix = np.array(self.row["grid_to_world"], np.float64).reshape(3, 4)
+        try:
+            inside = np.linalg.solve(matrix[:, :3], (corners - matrix[:, 3]).T)
+        except np.linalg.LinAlgError:  # refused elsewhere
+            return True
+        return self.beyond(inside.min(axis=1), inside.max(axis=1))
 
 
 class Grids:

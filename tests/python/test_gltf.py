@@ -16,7 +16,7 @@ from PIL import Image
 import veriray
 from veriray.columns import LIGHT_KINDS, MATERIAL_KINDS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import images
+from veriray.formats import gltf_materials, gltf_tangents, images
 from veriray.formats.plugins import PLUGINS
 
 VERTICES = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
@@ -590,6 +590,43 @@ def test_an_image_is_mirrored_on_some_triangles(tmp_path):
         assert (green(k) == (TEXELS[..., 1] if kept else 255 - TEXELS[..., 1])).all()
 
 
+def halved():
+    """A model of a node "nd" with two primitives: of the first an image lies mirrored on the right
+    half, the second has a material of its own."""
+    xs, us = [0, 1, 1, 2], [0, 1, 1, 0]
+    model = textured({}, uv=[[u, v] for v in (1, 0) for u in us], normalTexture={"index": 0})
+    mesh = model.content["meshes"][0]
+    part = mesh["primitives"][0]
+    part["attributes"]["POSITION"] = model.array([[x, y, 0] for y in (0, 1) for x in xs])
+    part["indices"] = model.array([0, 1, 5, 0, 5, 4, 2, 3, 7, 2, 7, 6], "u2")
+    rough = {"pbrMetallicRoughness": {"roughnessFactor": 0.75}}
+    model.content["materials"].append(rough)
+    second = {key: part["attributes"][key] for key in ("POSITION", "TEXCOORD_0")}
+    mesh["primitives"].append({"attributes": second, "indices": part["indices"], "material": 1})
+    model.content["nodes"][0]["name"] = "nd"
+    return model
+
+
+def test_names_do_not_depend_on_where_an_image_is_mirrored(tmp_path):
+    """Numbers go by primitives, and one name reaches both halves of one."""
+    model = halved()
+    scene, _ = load(tmp_path, model)
+    assert scene.shape_names == ("nd/0", "nd/0.mirrored", "nd/1")
+    known = {name: value for name, value in scene.parameters().items() if "roughness" in name}
+    assert known == {"nd/0.bsdf.roughness": 1, "nd/1.bsdf.roughness": 0.75}
+    changed = scene.with_({"nd/0.bsdf.roughness": 0.25})
+    assert changed.roughness[changed.triangle_material].tolist() == [0.25] * 4 + [0.75] * 4
+    changed = scene.with_({"nd/0.mirrored.bsdf.roughness": 0.5})
+    assert changed.roughness[changed.triangle_material].tolist() == [0.5] * 4 + [0.75] * 4
+    del model.content["meshes"][0]["primitives"][1]
+    model.content["nodes"].insert(0, {"mesh": 1, "name": "nd.mirrored"})
+    model.content["meshes"].append(quad().content["meshes"][0])
+    model.content["meshes"][1]["primitives"][0] = {
+        **model.content["meshes"][0]["primitives"][0], "material": 1
+    }  # fmt: skip
+    assert load(tmp_path, model)[0].shape_names == ("nd.mirrored", "nd", "nd.mirrored.1")
+
+
 def test_tangents_of_a_file_are_those_of_its_coordinates_or_said(tmp_path):
     turned = [math.cos(0.2), math.sin(0.2), 0, 1]
     for uv, tangent, said in (
@@ -623,22 +660,82 @@ def test_damaged_arrays_beside_a_normal_texture(tmp_path, change, message):
         load(tmp_path, model)
 
 
-def test_tangents_of_a_ball(tmp_path):
-    """Along its circles of latitude, which its triangles follow as far as they are fine."""
-    u, v = (x.ravel() for x in np.meshgrid(np.linspace(0, 1, 49), np.linspace(0.1, 0.9, 13)))
+def ball_of(rows, columns):
+    """Places, which are normals, texture coordinates and triangles."""
+    u, v = (x.ravel() for x in np.meshgrid(np.linspace(0, 1, columns + 1),
+                                           np.linspace(0.1, 0.9, rows + 1)))  # fmt: skip
     east, south = 2 * math.pi * u, math.pi * v
     circle = np.stack([np.cos(east), 0 * east, -np.sin(east)], 1)
     ball = circle * np.sin(south)[:, None] + np.cos(south)[:, None] * [[0, 1, 0]]
     along = np.stack([-np.sin(east), 0 * east, -np.cos(east), east * 0 + 1], 1)
-    a = (49 * np.arange(12)[:, None] + np.arange(48)).reshape(-1, 1)
-    faces = np.concatenate([a + [0, 49, 50], a + [0, 50, 1]])
+    a = ((columns + 1) * np.arange(rows)[:, None] + np.arange(columns)).reshape(-1, 1)
+    faces = np.concatenate([a + [0, columns + 1, columns + 2], a + [0, columns + 2, 1]])
+    return ball, np.stack([u, v], 1), along, faces
+
+
+def averaged(places, uv, faces):
+    """Tangents (V, 4) of a ball by MikkTSpace."""
+    total = np.zeros_like(places)
+    for face in faces:
+        a, b = places[face[1:]] - places[face[0]]
+        s, t = uv[face[1:], 1] - uv[face[0], 1]
+        for k in range(3):
+            normal = places[face[k]]
+            own = b * s - a * t
+            own -= normal * (normal @ own)
+            one, other = places[face[[k - 1, k - 2]]] - normal
+            cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+            total[face[k]] += own / np.linalg.norm(own) * math.acos(cosine)
+    total /= np.linalg.norm(total, axis=1, keepdims=True)
+    return np.insert(total, 3, 1, axis=1)
+
+
+def test_tangents_of_vertices_that_are_apart():
+    """Vertices are one where place, normal and texture coordinates are: without indices too. Those
+    of triangles that show an image mirrored are others."""
+    ball, uv, _, faces = ball_of(8, 12)
+    hand = gltf_tangents.handedness(uv[faces])
+    corners, own = faces.ravel(), np.arange(faces.size).reshape(-1, 3)
+    apart = [table[corners] for table in (ball, uv, ball)]
+    good = averaged(ball, uv, faces) * hand[0]
+    assert (hand == 1).all()
+    for tangents, said in ((good, True), (averaged(*apart[:2], own), False)):
+        given = tangents[corners] if said else tangents
+        assert gltf_tangents.agree(given, own, hand, *apart) == said
+    assert gltf_tangents.agree(good, faces, hand, ball, uv, ball)
+    both = np.concatenate([own, own[:, ::-1] + own.size])  # and the same triangles from behind
+    given = np.concatenate([good[corners], good[corners] * [1, 1, 1, -1]])
+    hand, twice = np.concatenate([hand, -hand]), (np.concatenate([table] * 2) for table in apart)
+    assert gltf_tangents.agree(given, both, hand, *twice)
+
+
+def test_tangents_of_many_triangles_are_sampled():
+    ball, uv, along, faces = ball_of(300, 400)
+    assert len(faces) > 2 * gltf_tangents._SAMPLE
+    hand = gltf_tangents.handedness(uv[faces])
+    assert gltf_tangents.agree(along, faces, hand, ball, uv, ball)
+    bad = along.copy()
+    bad[::20] *= -1
+    assert not gltf_tangents.agree(bad, faces, hand, ball, uv, ball)
+
+
+def test_tangents_of_a_ball(tmp_path):
+    """Along its circles of latitude, which its triangles follow as far as they are fine."""
+    ball, uv, along, faces = ball_of(12, 48)
     for tangent, said in ((along, False), (np.roll(along, 3, axis=0), True)):
-        model = textured({}, uv=np.stack([u, v], 1).tolist(), normalTexture={"index": 0})
+        model = textured({}, uv=uv.tolist(), normalTexture={"index": 0})
         part = model.content["meshes"][0]["primitives"][0]
         part["attributes"] |= {"POSITION": model.array(ball), "NORMAL": model.array(ball),
                                "TANGENT": model.array(tangent)}  # fmt: skip
         part["indices"] = model.array(faces.ravel(), "u2")
         assert ("TANGENT" in load(tmp_path, model)[1]) == said
+
+
+def test_normals_of_textures_are_copied_only_where_they_are_mirrored():
+    given = TEXELS.copy()
+    assert np.shares_memory(gltf_materials._normals(given, 1.0, False), given)
+    found = gltf_materials._normals(given, 1.0, True)
+    assert (given == TEXELS).all() and (found == TEXELS[..., :3] ^ np.uint8([0, 255, 0])).all()
 
 
 def test_a_normal_texture_that_turns_nothing_is_left_out(tmp_path):

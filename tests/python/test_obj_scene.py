@@ -194,6 +194,27 @@ def test_turbulence_is_said(tmp_path):
     Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
     _, _, text = one(tmp_path, "map_Kd -t 1 0.5 a.png")
     assert 'a.mtl:2: "-t 1 0.5" of a material is not applied' in text
+    for given, said in (("0 0 0", False), ("0.0 -0", False), ("0 0 0.01", True), ("0e5", False)):
+        assert ("not applied" in one(tmp_path, f"map_Kd -t {given} a.png")[2]) == said
+
+
+def test_a_texture_may_be_scaled_to_a_line(tmp_path):
+    texels = np.random.default_rng(5).integers(0, 256, (4, 6, 3)).astype(np.uint8)
+    Image.fromarray(texels).save(tmp_path / "a.png")
+    for scale, column in (("0 1", 0), ("1 0", 1), ("0", 0)):
+        scene, row, text = one(tmp_path, f"map_Kd -s {scale} a.png")
+        place = scene.texture_to_uv[int(scene.reflectance_texture[row])]
+        assert np.abs(place[:, column]).max() < 1e-30 and place[1 - column, 1 - column] == 1
+        assert "singular" not in text
+
+
+def test_numbers_of_a_map_are_shares(tmp_path):
+    Image.fromarray(np.full((2, 2, 3), [255, 0, 0], np.uint8)).save(tmp_path / "a.png")
+    scene, row, text = one(tmp_path, "map_Kd -mm -0.5 2 a.png")
+    assert "a.mtl:2: numbers of map_Kd outside [0, 1] are shown as 0 or 1" in text
+    assert "Mitsuba" not in text
+    found = texels_of(scene, int(scene.reflectance_texture[row]), (2, 2, 3))
+    assert (found == [1, 0, 0]).all()
 
 
 EDGES = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 1 0 1\nv 1 1 1\nv 2 0 1\nv 2 1 1\n"
@@ -284,8 +305,65 @@ def test_colours_of_vertices(tmp_path):
     assert MATERIAL_KINDS[scene.material_kind[row]] == "roughconductor"
     Image.fromarray(np.zeros((2, 3, 3), np.uint8)).save(tmp_path / "a.png")
     scene, row, text = one(tmp_path, "map_Kd a.png", coloured(obj))
-    assert "a.mtl:1: colours of vertices are not applied, but map_Kd" in text
+    assert "a.mtl:1: map_Kd is applied instead of the colours of vertices" in text
     assert scene.texture_width[int(scene.reflectance_texture[row])] == 3
+    _, _, text = one(tmp_path, "map_Kd a.png", re.sub(r"(?m)^(v .*)$", r"\1 1 1 1", obj))
+    assert "colours of vertices" not in text
+
+
+def numbered(rows):
+    """A square with numbers after x y z."""
+    lines = EDGES.splitlines()[:4]
+    return "".join(f"{line} {row}\n" for line, row in zip(lines, rows, strict=True)) + "f 1 2 3 4\n"
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["0 0.6 -0.8", "0.5 x 0", "a b c", "nan 0 0", "0 inf 0", "0 1e999 0", "300 0 0", "1 -1 0 1"],
+)
+def test_numbers_of_vertices_that_are_no_colours(tmp_path, row):
+    """As scanners write normals there: the file is shown without colours."""
+    scene, text = load(tmp_path, obj=numbered(["0 0 1", row, "", row]))
+    assert "a.obj:2: the numbers after x y z are no colour" in text
+    assert text.count("no colour;") == 1 and "vertex_color" not in text
+    assert scene.reflectance[scene.triangle_material].tolist() == [[0.5] * 3] * 2
+    assert (scene.reflectance_texture < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected", "told"),
+    [
+        (["1.2 0 0", "0 1 0", "", "0 0 1"], [[1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1]], True),
+        (["127.5 0 51", "0 255 0", "", "1 0 0"],
+         [[0.5, 0, 0.2], [0, 1, 0], [1, 1, 1], [1 / 255, 0, 0]], False),
+        (["1 1 0 0", "1 0 1 0", "1", "1 0 0 1"],
+         [[1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1]], False),
+        (["1 0 0 0.5", "0 1 0 1", "1 1 1 1", "0 0 1 1"],
+         [[1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1]], False),
+        (["1 0 0 1", "1 1 0 1", "1 1 1 1", "1 0 1 1"],
+         [[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]], False),
+        (["255 0 0 255", "0 255 0 255", "", "0 0 255 255"],
+         [[1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1]], False),
+        (["1 0 0 9 9", "0 1 0 9 9", "", "0 0 1 9 9"],
+         [[1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1]], False),
+    ],
+)  # fmt: skip
+def test_forms_of_colours_of_vertices(tmp_path, rows, expected, told):
+    scene, text = load(tmp_path, obj=numbered(rows))
+    wanted = np.array(expected)[[[0, 1, 2], [0, 2, 3]]]
+    assert np.abs(vertex_colours(scene) - wanted).max() < 1e-6
+    assert ("a.obj:1: colours of vertices above 1 are taken as 1" in text) == told
+    assert "no colour;" not in text
+
+
+def test_a_smoothing_group_of_all_faces(tmp_path):
+    """As two groups that share no vertex, and with a vertex that no face has."""
+    apart = EDGES + "v 9 9 9\n" + EDGES
+    faces = "".join(re.sub(r"\d", lambda k: str(int(k[0]) + 9), line) for line in STEPS)
+    found, _ = cosines(load(tmp_path, obj=apart + "s 1\n" + "".join(STEPS) + faces)[0])
+    parts = "s 1\n" + "".join(STEPS) + "s 2\n" + faces
+    expected, _ = cosines(load(tmp_path, obj=apart + parts)[0])
+    assert found.min() < 0.8 and (found == expected).all()
 
 
 def test_what_is_cut_away_does_not_shine(tmp_path):
@@ -337,8 +415,6 @@ def test_it_renders(tmp_path):
         ("newmtl one\nmap_Kd -x a.png\n", None, 'a.mtl:2: map_Kd: unknown option "-x"'),
         ("newmtl one\nmap_Kd a.png\n", None, "a.mtl:2: cannot read .*a.png"),
         (MTL, "v 0 0 0\nf 1 2 3\n", "is not within the 1 v lines"),
-        (MTL, f"{EDGES}v 0 0 0 1 -1 0\nf 1 2 3\n", "a.obj:9: the colour of a vertex is .* outside"),
-        (MTL, f"{EDGES}v 0 0 0 1 x 0\nf 1 2 3\n", "a.obj:9: the colour of a vertex = .x. is not"),
         ("newmtl one\nmap_Kd -mm x a.png\n", None, "a.mtl:2: cannot read .*x a.png"),
     ],
 )  # fmt: skip

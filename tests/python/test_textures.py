@@ -505,6 +505,17 @@ def test_the_colour_key_of_png_files(tmp_path: Path, depth: int, channels: int) 
     assert (images.read(path, "", channel="a").linear()[..., 0] == seen).all()
 
 
+@pytest.mark.parametrize("depth", [1, 2, 4])
+def test_only_the_low_bits_of_a_colour_key_count(tmp_path: Path, depth: int) -> None:
+    codes = RNG.integers(0, 1 << depth, (5, 7, 1))
+    path = tmp_path / "x.png"
+    for key in (0, 1):
+        path.write_bytes(png_of(codes, depth, (key + (5 << depth),)))
+        seen = codes[..., 0] != key
+        assert (images.rgba(path.read_bytes(), "", "")[..., 3] == 255 * seen).all()
+        assert (images.read(path, "", channel="a").linear()[..., 0] == seen).all()
+
+
 @pytest.mark.parametrize("kind", [2, 3, 5, 6])
 def test_pgm_and_ppm_files_of_any_white(tmp_path: Path, kind: int) -> None:
     path = tmp_path / "x.ppm"

@@ -36,6 +36,7 @@ WIDTH, HEIGHT, SPP, FOV = 768, 576, 64, 40.0
 _OPTIONAL = ("KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_", "KHR_materials_",
              "EXT_texture_", "KHR_xmp", "KHR_animation_pointer")  # fmt: skip
 _MODES = ("POINTS", "LINES", "LINE_LOOP", "LINE_STRIP", "TRIANGLES", "STRIP", "FAN")
+_MIRRORED = ".mirrored"  # ends the name of what shows a texture of normals so, of two parts
 _TO_SENSOR = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks along -z, +x right; a sensor along +z, +x left
 
 
@@ -54,11 +55,12 @@ class _Reader:
         self.materials: dict[tuple[int | None, bool], Node] = {}  # and whether mirrored
         self.lamps: dict[int | None, Node | None] = {}  # of materials
         self.groups: dict[tuple[int, bool], Node] = {}  # of meshes, and whether mirrored
+        self.endings: dict[tuple[int, bool], list[str]] = {}  # of the names of a group's shapes
         self.cameras: list[tuple[Json, Array]] = []
         self.lights: list[Node] = []
         self.corners: list[Array] = []  # of the boxes around meshes, in world space
         self.uses: Counter[int | None] = Counter()  # of meshes
-        self.names: dict[str, int] = {}  # of nodes, and how often they were met
+        self.names: dict[str, int] = {}  # of nodes and shapes, and how often they were met
         self.shines = False
 
     def tree(self) -> Tree:
@@ -120,7 +122,8 @@ class _Reader:
             return []
         if "EXT_mesh_gpu_instancing" in node.of("extensions").content:
             self.report.warn("EXT_mesh_gpu_instancing: one instance of each is shown", node.where)
-        group = self.group(number, determinant(matrix) < 0)
+        flip = determinant(matrix) < 0
+        group = self.group(number, flip)
         try:
             check_matrix("matrix", matrix)
         except SceneError:
@@ -134,23 +137,33 @@ class _Reader:
             self.corners.append(transform.apply(matrix, ends[picks, np.arange(3)]))
         place = {"to_world": Value("transform", matrix, node.where)}
         name = node.text("name") or self.file.tables["meshes"][number].text("name") or "mesh"
-        self.names[name] = self.names.get(name, 0) + 1
-        if self.names[name] > 1:
-            name = f"{name}.{self.names[name] - 1}"
+        name = self.unique(name)
         if self.uses[number] > 1:
             return [Node("instance", node.where, "shape", name, "", place, [group])]
-        many = len(children) > 1
+        names = [self.unique(name + end) if end else name for end in self.endings[number, flip]]
         return [
-            replace(child, values={**child.values, **place}, id=f"{name}/{k}" if many else name)
-            for k, child in enumerate(children)
+            replace(child, values={**child.values, **place}, id=own)
+            for child, own in zip(children, names, strict=True)
         ]
+
+    def unique(self, name: str) -> str:
+        """A name, with a number from its second use on."""
+        self.names[name] = count = self.names.get(name, 0) + 1
+        return name if count == 1 else f"{name}.{count - 1}"
 
     def group(self, number: int, flip: bool) -> Node:
         """The primitives of a mesh as a shape group, made once; flip: for a node that mirrors."""
         if (number, flip) not in self.groups:
             mesh = self.file.tables["meshes"][number]
-            shapes = [self.primitive(part, mesh, flip) for part in mesh.all("primitives")]
-            parts = [shape for found in shapes for shape in found]
+            found = [self.primitive(part, mesh, flip) for part in mesh.all("primitives")]
+            shown = [shapes for shapes in found if shapes]
+            starts = [f"/{k}" if len(shown) > 1 else "" for k in range(len(shown))]
+            self.endings[number, flip] = [
+                start + end
+                for start, shapes in zip(starts, shown, strict=True)
+                for end in ("", _MIRRORED)[: len(shapes)]
+            ]
+            parts = [shape for shapes in shown for shape in shapes]
             self.groups[number, flip] = Node("shapegroup", mesh.where, "shape", children=[*parts])
         return self.groups[number, flip]
 
@@ -164,11 +177,7 @@ class _Reader:
             what = _MODES[mode] if mode < 4 else "a primitive without POSITION"
             self.report.warn(f"{what} is not shown", part.where)
             return []
-        for key in ("targets", "extensions"):
-            if part.content.get(key):
-                self.report.warn(f"{key} of a primitive are not applied", part.where)
-        if "COLOR_0" in attributes.content:
-            self.report.warn("colours of vertices are not shown", part.where)
+        self.unused(part)
         arrays = {"vertices": self.file.array(place)}
         count = len(arrays["vertices"])
         if arrays["vertices"].shape[1] != 3:
@@ -196,21 +205,22 @@ class _Reader:
         mirrored = np.zeros(len(faces), bool)
         if self.looks.turns(about):
             mirrored = self.mirrored(part, faces, arrays, flip)
-        result = []
+        result: list[Node] = []
         for side in np.unique(mirrored).tolist():
-            own, tables = faces[mirrored == side], arrays
-            if len(own) < len(faces):
-                used, numbers = np.unique(own, return_inverse=True)
-                own = numbers.reshape(-1, 3)
-                tables = {name: table[used] for name, table in arrays.items()}
-            tables = {**tables, "faces": own}
-            values = {key: Value("array", table, part.where) for key, table in tables.items()}
-            if "normals" not in values:
-                values["face_normals"] = Value("boolean", True, part.where)
+            values = _mesh(arrays, faces, mirrored == side, part.where)
             children: list[Any] = self.material(material, about, side)
             name = mesh.text("name")
+            name += _MIRRORED if name and result else ""
             result.append(Node("mesh", part.where, "shape", name, "", values, children))
         return result
+
+    def unused(self, part: Json) -> None:
+        """Names what is not applied of a primitive."""
+        for key in ("targets", "extensions"):
+            if part.content.get(key):
+                self.report.warn(f"{key} of a primitive are not applied", part.where)
+        if "COLOR_0" in part.of("attributes").content:
+            self.report.warn("colours of vertices are not shown", part.where)
 
     def mirrored(self, part: Json, faces: Array, arrays: dict[str, Array], flip: bool) -> Array:
         """Which triangles of a primitive show images mirrored, none if its arrays are no mesh's;
@@ -362,6 +372,20 @@ def _rigid(matrix: Array, about: Json) -> Array:
         message = "its node's matrix is singular"
         result[:3, axis] = transform.unit(result[:3, axis].tolist(), message, about.where)
     return result
+
+
+def _mesh(arrays: dict[str, Array], faces: Array, shown: Array, where: str) -> dict[str, Value]:
+    """The parameters of a mesh of some faces, with the vertices that they use if not all are."""
+    own, tables = faces[shown], arrays
+    if len(own) < len(faces):
+        used, numbers = np.unique(own, return_inverse=True)
+        own = numbers.reshape(-1, 3)
+        tables = {name: table[used] for name, table in arrays.items()}
+    values = {key: Value("array", table, where) for key, table in tables.items()}
+    values["faces"] = Value("array", own, where)
+    if "normals" not in values:
+        values["face_normals"] = Value("boolean", True, where)
+    return values
 
 
 def _triangles(corners: Array, mode: int) -> Array:

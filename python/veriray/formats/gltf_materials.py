@@ -48,6 +48,7 @@ class Materials:
         self.place = ""  # of the material in the making
         self.mirrored = False  # where it is
         self.opacities: dict[str, Any] = {}  # by the material's place
+        self.bare: dict[str, Node] = {}  # without normals of textures, by the material's place
 
     def bsdf(self, about: Json, mirrored: bool = False) -> Node:
         """What a material reflects and lets through; of an empty one diffuse white. mirrored: where
@@ -64,7 +65,12 @@ class Materials:
             self.report.warn("an unlit material is shown as diffuse", about.where)
             result = _twosided(_node("diffuse", about, reflectance=base))
         else:
-            result = self.lit(about, rough, base, more)
+            if about.where not in self.bare:  # one for both, as whose numbers have one name
+                self.bare[about.where] = self.lit(about, rough, base, more)
+            result = self.bare[about.where]
+            if result.plugin == "principled":
+                shown = self.relief(about, result)
+                result = shown if "spec_trans" in result.values else _twosided(shown)
         opacity = self.opacities[about.where] = self.opacity(about, rough)
         if opacity != 1.0:
             mask = _node("mask", about, opacity=opacity)
@@ -84,7 +90,7 @@ class Materials:
         return self.taken(rough, _BASE, "a", (alpha,), cut)
 
     def lit(self, about: Json, rough: Json, base: Any, more: dict[str, Json | None]) -> Node:
-        """A material that reflects light."""
+        """A material that reflects light, without normals of a texture, on its front."""
         empty = Json({}, about.where)
         ior = (more["ior"] or empty).number("ior", 1.5, 0.0, 1e3)
         shine = (more["specular"] or empty).number("specularFactor", 1.0, 0.0, 1.0)
@@ -118,8 +124,7 @@ class Materials:
             values["clearcoat_gloss"] = min(max((0.1 - slope) / 0.099, 0.0), 1.0)
         if sheen is not None:
             values["sheen"] = max(sheen.numbers("sheenColorFactor", (0.0,) * 3, 0.0, 1.0).tolist())
-        result = self.relief(about, _node("principled", about, **values))
-        return result if "spec_trans" in values else _twosided(result)
+        return _node("principled", about, **values)
 
     def relief(self, about: Json, bsdf: Node) -> Node:
         """A bsdf with the normals of a texture: y along the normal's cross product with u, or
@@ -275,7 +280,9 @@ def _scaled(pixels: Array, channels: str, factor: tuple[float, ...], cut: float 
 
 def _normals(pixels: Array, scale: float, mirrored: bool) -> Array:
     """The texels of a normal map, with -y for y if mirrored: uint8 if the scale of x and y is 1."""
-    texels = pixels[..., :3] ^ np.array([0, 255 * mirrored, 0], np.uint8)
+    texels = pixels[..., :3]
+    if mirrored:
+        texels = texels ^ np.array([0, 255, 0], np.uint8)
     if scale == 1.0:
         return texels
     x, y, z = np.moveaxis(texels / 127.5 - 1.0, 2, 0)

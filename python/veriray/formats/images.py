@@ -150,7 +150,7 @@ def rgba(data: bytes, name: str, where: str) -> Array:
                     raise SceneError("damaged: too few bytes for its texels")
                 depth, colour = _png_kind(file) if image.format == "PNG" else (8, 0)
                 if depth < 16:
-                    return _with_alpha(image, depth)
+                    return _with_alpha(image, depth, file)
                 parts = _png_wide(file, len(data), image, colour)
                 wide = np.concatenate([np.broadcast_to(parts[0], (*parts[1].shape[:2], 3)),
                                        parts[1]], axis=2)  # fmt: skip
@@ -222,7 +222,7 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool, alpha: bool = False) -> Im
                     if alpha:
                         return Image(_by_table(share, 65535, True))
                 elif alpha:
-                    return Image(_with_alpha(image, depth)[:, :, 3:])
+                    return Image(_with_alpha(image, depth, file)[:, :, 3:])
                 elif kind == "PPM" and mode in ("L", "I", "RGB"):
                     texels, most = _ppm(file, size, image.width, image.height)
                 elif mode in _GREY:
@@ -266,13 +266,27 @@ def _png_kind(file: IO[bytes]) -> tuple[int, int]:
     return (found[0], found[1]) if len(found) == 2 else (0, 0)
 
 
-def _with_alpha(image: Any, depth: int) -> Array:
+def _with_alpha(image: Any, depth: int, file: IO[bytes]) -> Array:
     """The texels (H, W, 4) uint8 of an image of Pillow's of at most 8 bits a number, which stand
     with `depth` bits in the file. Pillow widens grey to 8 bits, but not the colour key."""
-    if image.mode == "L" and "transparency" in image.info:
+    if image.mode in ("1", "L") and "transparency" in image.info:
         most = (1 << depth) - 1
-        image.info["transparency"] = (image.info["transparency"] & most) * 255 // most
+        key = _png_key(file) if image.mode == "1" else image.info["transparency"]
+        image.info["transparency"] = (key & most) * 255 // most
     return np.array(image.convert("RGBA"))
+
+
+def _png_key(file: IO[bytes]) -> int:
+    """The colour key of a grey PNG file; of files of one bit Pillow keeps whether it is 0."""
+    at = file.tell()
+    file.seek(8)
+    name = b""
+    while name not in (b"tRNS", b"IDAT") and len(head := file.read(8)) == 8:
+        size, name = int.from_bytes(head[:4], "big"), head[4:]
+        key = file.read(min(size, 2))
+        file.seek(size - len(key) + 4, os.SEEK_CUR)
+    file.seek(at)
+    return int.from_bytes(key, "big") if name == b"tRNS" else 0
 
 
 def _png_wide(file: IO[bytes], size: int, image: Any, colour: int) -> tuple[Array, Array]:

@@ -16,11 +16,11 @@ are flat.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +40,9 @@ _NUMBERS = {"Ns": (0.0, 1e6), "Ni": (0.1, 10.0), "d": (0.0, 1.0), "Tr": (0.0, 1.
             "illum": (0.0, 10.0), "Pr": (0.0, 1.0), "Pm": (0.0, 1.0)}  # fmt: skip
 _MAPS = ("map_Kd", "map_d")
 _CHANNELS = {"r": "r", "g": "g", "b": "b", "m": "a", "l": "l"}  # of -imfchan; here l is grey
-_COLOURED = re.compile(rb"(?m)^[ \t]*v(?:[ \t]+[^\s#]+){6}")
+_VERTEX = {b"v", b"v#", b"v ", b"v\t", b"v\v", b"v\f"}  # starts of v lines
 _IDLE = ("Ka", "map_Ka", "Km", "sharpness", "map_aat")  # which change nothing here
+_NOT_0 = re.compile(r"[-+.0]*[1-9]")  # starts of numbers
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3,
             "-texres": 1, "-clamp": 1, "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1}  # fmt: skip
 
@@ -79,7 +80,9 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
     report = Report() if report is None else report
     data = read_bytes(path, mesh.MAX_BYTES, "")
     found, lines = mesh.obj(data, path, where)
-    materials, names, of, groups, colours = _faces(data, path, report)
+    texts = mesh.obj_text(data).splitlines()
+    materials, names, of, groups = _faces(texts, path, report)
+    colours = _vertex_colours(texts, where, report)
     if found.normals is None:
         found, lines = _smoothed(found, lines, groups)
     if colours is not None:
@@ -97,8 +100,13 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
         if name not in made:
             made[name] = _objects(material, report, colours is not None)
         shape = _shape(found, faces, name, where, made[name])
-        if colours is not None and "map_Kd" not in material.maps:
-            shape.values["vertex_color"].value *= material.colours.get("Kd", 1.0)
+        if colours is not None:
+            own = shape.values["vertex_color"].value
+            if "map_Kd" not in material.maps:
+                own *= material.colours.get("Kd", 1.0)
+            elif (own != 1).any():
+                told = "map_Kd is applied instead of the colours of vertices"
+                report.warn(told, material.where)
         tree.scene.children.append(shape)
     if not any(node.category == "emitter" for nodes in made.values() for node in nodes):
         report.warn("the file has no light; a white sky was added", where)
@@ -107,26 +115,23 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
 
 
 def _faces(
-    data: bytes, path: Path, report: Report
-) -> tuple[dict[str, _Material], list[str], Array, Array, Array | None]:
+    lines: list[bytes], path: Path, report: Report
+) -> tuple[dict[str, _Material], list[str], Array, Array]:
     """The materials, the names of those used, and which of these each triangle has, "" for none;
-    its smoothing group, 0 for none; the colours of v lines, None without any."""
+    its smoothing group, 0 for none."""
     materials: dict[str, _Material] = {}
     names, current, lost = [""], 0, False
     groups, group = {b"off": 0, b"0": 0}, 0
     of: list[tuple[int, int, int]] = []  # of a face: material, group, triangles
-    text = mesh.obj_text(data)
-    colours: list[list[float]] | None = [] if _COLOURED.search(text) else None
-    kinds = (b"f", b"m", b"u", b"s") + (() if colours is None else (b"v",))
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in kinds else []
+    for number, line in enumerate(lines, 1):
+        if line.lstrip()[:1] not in (b"f", b"m", b"u", b"s"):
+            continue
+        words = line.split(b"#", 1)[0].split()
         kind = words[0] if words else b""
         if kind == b"f":
             of.append((current, group, len(words) - 3))
         elif kind == b"s" and len(words) > 1:
             group = groups.setdefault(words[1], len(groups))
-        elif kind == b"v" and colours is not None:
-            colours.append(_vertex_colour(words, f"{path}:{number}"))
         elif kind in (b"mtllib", b"usemtl"):
             place = f"{path}:{number}"
             word = line.strip()[6:].strip().decode("utf-8", "replace")
@@ -151,24 +156,63 @@ def _faces(
             current = names.index(word)
     table = np.array(of, np.int64).reshape(-1, 3)
     own, smooth = np.repeat(table[:, :2], table[:, 2], axis=0).T
-    return materials, names, own, smooth, None if colours is None else _shares(colours)
+    return materials, names, own, smooth
 
 
-def _vertex_colour(words: list[bytes], where: str) -> list[float]:
-    """The colour of a v line; white for one without."""
-    if len(words) < 7:
-        return [1.0] * 3
-    name = "the colour of a vertex"
-    found = [parse_float(word.decode("utf-8", "replace"), name, where) for word in words[4:7]]
-    if not 0 <= min(found) <= max(found) <= 255:
-        raise SceneError(f"{name} is {found}, outside [0, 1] and [0, 255]", where)
-    return found
+def _vertex_colours(lines: list[bytes], where: str, report: Report) -> Array | None:
+    """The colours (N, 3) of v lines as shares, white for one without; None if the numbers after
+    x y z are something else, such as normals. Some above 1.5 mean that all are of 255."""
+    own = [line for line in lines if line.lstrip()[:2] in _VERTEX]
+    if not any(line.count(b" ") + line.count(b"\t") > 5 for line in own):
+        return None
+    rows = [(line.split(b"#", 1)[0] if b"#" in line else line).split()[4:] for line in own]
+    given = [k for k, row in enumerate(rows) if len(row) >= 3]
+    if not given:
+        return None
+    # x y z weight r g b, or x y z r g b alpha
+    long = [row for row in rows if len(row) == 4]
+    weighed = all(_is_1(row[0]) for row in long) and not all(_is_1(row[3]) for row in long)
+    found = _numbers([row[1:] if weighed and len(row) == 4 else row[:3] for row in rows])
+    bad = np.flatnonzero(~((found >= 0) & (found <= 255)).all(axis=1))
+    if len(bad):
+        told = "the numbers after x y z are no colour; no colours of vertices are taken"
+        report.warn(told, f"{where}:{_line(lines, given[bad[0]])}")
+        return None
+    high = np.flatnonzero((found > 1).any(axis=1))
+    if (found > 1.5).any():
+        found = found / 255
+    elif len(high):
+        told = "colours of vertices above 1 are taken as 1"
+        report.warn(told, f"{where}:{_line(lines, given[high[0]])}")
+    result = np.ones((len(rows), 3))
+    result[given] = np.minimum(found, 1.0)
+    return result
 
 
-def _shares(colours: list[list[float]]) -> Array:
-    """Colours (N, 3) as shares; whole numbers some of which exceed 1 are of 255."""
-    table = np.array(colours)
-    return table / 255 if table.max() > 1 and (table == np.floor(table)).all() else table
+def _line(lines: list[bytes], vertex: int) -> int:
+    """The number of a v line in the file."""
+    return [k for k, line in enumerate(lines, 1) if line.lstrip()[:2] in _VERTEX][vertex]
+
+
+def _is_1(word: bytes) -> bool:
+    return bool(_number(word) == 1)
+
+
+def _numbers(rows: list[list[bytes]]) -> Array:
+    """Words of rows that have 3 as numbers (N, 3), nan for those that are none."""
+    words = [word for row in rows if len(row) == 3 for word in row]
+    try:
+        found = [float(word) for word in words]
+    except ValueError:
+        found = [_number(word) for word in words]
+    return np.array(found).reshape(-1, 3)
+
+
+def _number(word: bytes) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 def _smoothed(found: mesh.Mesh, lines: Array, groups: Array) -> tuple[mesh.Mesh, Array]:
@@ -176,6 +220,11 @@ def _smoothed(found: mesh.Mesh, lines: Array, groups: Array) -> tuple[mesh.Mesh,
     is."""
     if not groups.any():
         return found, lines
+    if groups.min() == groups.max():
+        points = np.zeros((lines.max() + 1, 3))
+        points[lines] = found.vertices
+        smooth = mesh.vertex_normals(points, lines[found.triangles])[lines]
+        return mesh.Mesh(found.vertices, found.triangles, smooth, found.uv), lines
     alone = groups.max() + 1 + np.arange(len(groups))  # a face without a group
     group = np.repeat(np.where(groups > 0, groups, alone), 3)
     corners = found.triangles.reshape(-1)
@@ -253,13 +302,15 @@ def _map(key: str, rest: list[str], folder: Path, where: str) -> _Map:
             found.clamped = used == ["on"]
         elif option == "-imfchan":
             found.channel = _CHANNELS.get("".join(used), "")
-        if option == "-t" or option == "-imfchan" and not found.channel:
+        turbulent = option == "-t" and any(_NOT_0.match(word) for word in used)
+        if turbulent or option == "-imfchan" and not found.channel:
             found.left_out.append(" ".join([option, *used]))
         text = text.split(None, len(used) + 1)[-1] if len(words) > len(used) else ""
     if not text:
         raise SceneError(f"{key} names no file", where)
     found.path = folder / text.replace("\\", "/")
     (su, sv), (u, v), (found.base, found.gain) = numbers.values()
+    su, sv = su or 1e-60, sv or 1e-60  # which is 0 in float32, and not singular here
     found.to_uv = transform.compose(  # v is up there, and down in an image
         transform.translate([u, 1.0 - sv - v, 0.0]), transform.scale([su, sv, 1.0])
     )
@@ -274,12 +325,10 @@ def _objects(material: _Material, report: Report, coloured: bool) -> list[Node]:
         for name in given.left_out if key in _MAPS else [key]:
             report.warn(f"{shorten(name)} of a material is not applied", given.where)
     illum, shine = numbers.get("illum", 2.0), any(colours["Ks"])
-    slope = sqrt(2.0 / (numbers.get("Ns", 0.0) + 2.0))
+    slope = math.sqrt(2.0 / (numbers.get("Ns", 0.0) + 2.0))
     base: Any = colours["Kd"]
     if "map_Kd" in material.maps:
-        base = _texture(material.maps["map_Kd"], material.colours.get("Kd", (1.0,) * 3), False)
-        if coloured:
-            report.warn("colours of vertices are not applied, but map_Kd", where)
+        base = _texture("map_Kd", material, material.colours.get("Kd", (1.0,) * 3), report)
     elif coloured and any(base):
         base = _node("mesh_attribute", where, name="vertex_color")
     if illum in (4, 6, 7, 9):
@@ -288,7 +337,7 @@ def _objects(material: _Material, report: Report, coloured: bool) -> list[Node]:
                        specular_transmittance=colours["Tf"])  # fmt: skip
     elif {"Pr", "Pm"} & numbers.keys():
         result = _twosided("principled", where, base_color=base, metallic=numbers.get("Pm", 0.0),
-                           roughness=numbers.get("Pr", sqrt(slope)))  # fmt: skip
+                           roughness=numbers.get("Pr", math.sqrt(slope)))  # fmt: skip
     elif shine and illum in (3, 5, 8) or shine and not isinstance(base, Node) and not any(base):
         result = _twosided("roughconductor", where, alpha=slope, material="none",
                            specular_reflectance=colours["Ks"])  # fmt: skip
@@ -299,7 +348,7 @@ def _objects(material: _Material, report: Report, coloured: bool) -> list[Node]:
         result = _twosided("diffuse", where, reflectance=base)
     opacity: Any = numbers.get("d", 1.0 - numbers.get("Tr", 0.0))
     if "map_d" in material.maps:
-        opacity = _texture(material.maps["map_d"], (opacity,) * 3, True)
+        opacity = _texture("map_d", material, (opacity,) * 3, report)
     radiance: Any = colours["Ke"] if any(colours["Ke"]) else None
     if opacity != 1.0 and result.plugin != "dielectric":
         result, inner = _node("mask", where, opacity=opacity), result
@@ -312,9 +361,10 @@ def _objects(material: _Material, report: Report, coloured: bool) -> list[Node]:
     return [result, lamp]
 
 
-def _texture(given: _Map, factor: tuple[float, ...], raw: bool) -> Node:
+def _texture(key: str, material: _Material, factor: tuple[float, ...], report: Report) -> Node:
     """A bitmap, baked with a factor that is not 0 or 1, and with options."""
-    where = given.where
+    given = material.maps[key]
+    where, raw = given.where, key == "map_d"
     factor = factor if any(factor) else (1.0,) * 3
     if given.channel or (given.base, given.gain, *factor) != (0.0, 1.0, 1.0, 1.0, 1.0):
         channel = given.channel if given.channel in tuple("rgba") else None
@@ -322,6 +372,9 @@ def _texture(given: _Map, factor: tuple[float, ...], raw: bool) -> Node:
         texels = images.one_number(texels) if given.channel == "l" else texels
         factor = factor if len({*factor}) > 1 else factor[:1]  # leaves grey texels
         texels = (given.base + given.gain * texels) * np.array(factor, np.float32)
+        if ((texels < 0) | (texels > 1)).any():
+            report.warn(f"numbers of {key} outside [0, 1] are shown as 0 or 1", where)
+            texels = texels.clip(0, 1)
         result = _node("bitmap", where, bitmap=texels)
     else:
         result = _node("bitmap", where, filename=str(given.path), raw=raw)

@@ -135,20 +135,25 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     return brightest;
 }
 
-// Whether a rough surface may mirror parallel light with more than 2^20 times its irradiance. With
-// mirrors of roughness alpha that is alpha^-2 / (4 pi cosine) straight on, and falls again for
-// cosines below alpha: at most alpha^-3 / (4 pi).
+// Whether a rough surface may send on parallel light with more than 2^20 times its irradiance. With
+// mirrors of roughness alpha that is alpha^-2 / (4 pi cosine) straight back, and falls again for
+// cosines below alpha: at most alpha^-3 / (4 pi). Refraction turns by a share of about |eta - 1| of
+// what the mirror does, so what goes through is that much sharper.
 static bool any_sharp(const SceneInput& in) {
     constexpr float kAlpha = 0x1p-7f, kRoughness = 0.088f;  // its square is alpha
-    const auto below = [](float least, float number, int32_t texture) {
-        return number < least || texture >= 0;
-    };
-    for (size_t m = 0; m < in.material_kind.count; ++m)
-        if ((kRoughKinds >> in.material_kind.data[m] & 1u) &&
-            (below(kAlpha, in.alpha_u.data[m], in.alpha_u_texture.data[m]) ||
-             below(kAlpha, in.alpha_v.data[m], in.alpha_v_texture.data[m]) ||
-             below(kRoughness, in.roughness.data[m], in.roughness_texture.data[m])))
+    for (size_t m = 0; m < in.material_kind.count; ++m) {
+        const uint32_t kind = in.material_kind.data[m];
+        if (!(kRoughKinds >> kind & 1u)) continue;
+        const float turn = std::min(std::abs(in.eta.data[3 * m] - 1.f), 1.f);
+        const float less = closure_traits(kind).transmits ? turn : 1.f;
+        const auto below = [](float least, float number, int32_t texture) {
+            return number < least || texture >= 0;
+        };
+        if (below(kAlpha, less * in.alpha_u.data[m], in.alpha_u_texture.data[m]) ||
+            below(kAlpha, less * in.alpha_v.data[m], in.alpha_v_texture.data[m]) ||
+            below(kRoughness, std::sqrt(less) * in.roughness.data[m], in.roughness_texture.data[m]))
             return true;
+    }
     return false;
 }
 

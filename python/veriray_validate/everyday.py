@@ -382,6 +382,14 @@ def nested(rng: np.random.Generator) -> Question:
     return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
 
 
+def inlaid(rng: np.random.Generator) -> Question:
+    """An opaque body within a lamp, turned, within the rounding of their faces: invisible."""
+    x = touch(rng, "lamp", str(rng.choice(sorted(OPAQUE - {"lamp"}))), "inside")
+    turn = tuple(rng.random(3).tolist())
+    x = settled(Touch(**{**vars(x), "gap": float(rng.choice(GAPS[:3])), "turn": turn}))
+    return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
+
+
 #: Gap of the scene with which the others are compared.
 LIFTED = 1e-4
 

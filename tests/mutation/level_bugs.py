@@ -533,6 +533,8 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("what a lamp lights from close by covers it", "scene/covered.cpp",
            "ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i)))",
            "true"),
+    Mutant("lamps sampled where rays may meet what is behind", "scene/covered.cpp",
+           "first = same && std::abs(before)", "first = std::abs(before)"),
     Mutant("lamps shine through close covers", "scene/covered.cpp",
            "ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i)))",
            "false"),

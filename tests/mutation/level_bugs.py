@@ -636,7 +636,8 @@ PYTHON = (
     _python("image a texel narrower than it is", "formats/textures.py", '"texture_width": width',
             '"texture_width": width - 1'),
     _python("numbers of a checkerboard not exchanged", "formats/textures.py",
-            'if exchange and node.plugin == "checkerboard":', "if not node:"),
+            'if exchange and node.plugin == "checkerboard" and not in_order(node):',
+            "if not node:"),
     # samples
     _python("samples that decide are in the picture", "sampling.py",
             "return 1 << (spp - 1).bit_length()", "return 0"),

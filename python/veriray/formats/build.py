@@ -719,7 +719,8 @@ class _Builder:
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
         if values["to_world"] is None:
             values["to_world"] = IDENTITY
-        self.check_beyond(node, values, media)
+        if self.beyond:
+            self.check_beyond(node, values, media)
         solid = (must_be_closed(one, media[0] >= 0) for one in materials.both(row))
         return node, values, (material, emission, boundary), next(filter(None, solid), "")
 

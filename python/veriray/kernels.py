@@ -124,7 +124,8 @@ def _edited() -> bool:
     if root is None or root.name == "device_code" or origin is None:
         return False
     built = Path(origin).stat().st_mtime
-    return any(f.stat().st_mtime > built for f in root.rglob("*.*h"))
+    headers = (f for form in ("*.h", "*.cuh", "*.def") for f in root.rglob(form))
+    return any(f.stat().st_mtime > built for f in headers)
 
 
 def available() -> str:

@@ -52,7 +52,7 @@ class Bitmap:
         def part(first: int, last: int) -> None:
             with np.errstate(all="ignore"):  # what is not finite is found later
                 shares = texels[first:last] / np.float64(white)
-                shares = _linear(shares) if encoded else shares
+                shares = spectra.decoded(shares) if encoded else shares
                 if self.xyz:
                     x, y, z = np.moveaxis(shares, 2, 0)
                     rows = [a * x + b * y + c * z for a, b, c in spectra.XYZ_TO_RGB]
@@ -61,17 +61,6 @@ class Bitmap:
 
         in_chunks(part, len(texels), max(1, 2**14 // max(1, texels.shape[1])))
         return linear, False
-
-
-def _linear(shares: Array) -> Array:
-    """Linear values of shares of white by the sRGB curve, with operations that round alike on every
-    machine: above 0.04045 it is z^2 times the fifth root of z^2, z = (share + 0.055) / 1.055."""
-    z = (np.maximum(shares, 0.04045) + 0.055) / 1.055
-    square = z * z
-    root = np.ldexp(1.0, -(-np.frexp(square)[1] // 5))  # not below; Newton's steps descend
-    for _ in range(10):
-        root = (4 * root + square / (root * root * (root * root))) / 5
-    return np.where(shares <= 0.04045, shares / 12.92, square * root)
 
 
 def bitmap(value: Any, where: str) -> Bitmap:

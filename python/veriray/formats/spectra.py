@@ -32,11 +32,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from ..errors import SceneError
 from .colour_tables import D65, X, Y, Z
 from .node import Value, allowed, parse_float, parse_floats, read_bytes, shorten
 
 RGB = tuple[float, float, float]
+Array = npt.NDArray[Any]
 LOW, HIGH, SAMPLES = 360.0, 830.0, 1000
 MAX_BYTES = 16 * 2**20
 _STEP = 5.0
@@ -213,6 +217,17 @@ def blackbody(temperature: float, low: float, high: float, scale: float) -> Spec
             metres = Decimal(w) * nano
             values.append(float(factor / (metres**5 * ((unit / metres).exp() - 1))))
     return Spectrum(wavelengths, tuple(values))
+
+
+def decoded(shares: Array) -> Array:
+    """Linear values of shares of white by the sRGB curve, with operations that round alike on every
+    machine: above 0.04045 it is z^2 times the fifth root of z^2, z = (share + 0.055) / 1.055."""
+    z = (np.maximum(shares, 0.04045) + 0.055) / 1.055
+    square = z * z
+    root = np.ldexp(1.0, -(-np.frexp(square)[1] // 5))  # not below; Newton's steps descend
+    for _ in range(10):
+        root = (4 * root + square / (root * root * (root * root))) / 5
+    return np.where(shares <= 0.04045, shares / 12.92, square * root)
 
 
 def srgb(text: str, label: str, where: str) -> RGB:

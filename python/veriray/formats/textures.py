@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..columns import MAX_NESTED, TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
 from ..errors import SceneError
-from . import images, materials
+from . import images, materials, spectra
 from .mesh import Mesh
 from .node import Node, Ref, Value, shorten
 from .plugins import PLUGINS, RELIEFS, VOLUME_FILTERS, texturable
@@ -296,8 +296,7 @@ def _shares(values: Array, node: Node) -> Array:
     codes = values.astype(np.uint8)
     if most == 255 and (codes == values).all():
         return images.SRGB_TO_LINEAR[codes]
-    shares = np.maximum(values / most, 0)
-    return np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+    return spectra.decoded(np.maximum(values / most, 0))
 
 
 def _attribute(node: Node, values: dict[str, Any], most: float) -> materials.Row:

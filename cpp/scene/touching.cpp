@@ -422,8 +422,13 @@ void HostScene::part_touching(const SceneInput& in) {
         if (turn > 0 && same) return true;
         const auto [least, most] = heights(common, g, b.w - a.w * turn);
         if (length(g) > kParallel || most > 2 * want + coarse) {
-            // They meet only along a line: a ray from a point near it leaves one and not the other.
-            if (length(g) > kAcross || least > 2 * want + coarse || same) return true;
+            // They meet only along a line, or are no closer than their rounding here, but than that
+            // at their corners: a ray that leaves one by its offset may pass the other.
+            const double leap = std::max(column(own, kPrimOffset), column(other, kPrimOffset));
+            const bool facing = turn < 0 && !(length(g) > kParallel);
+            if (length(g) > kAcross || least > std::max(2 * want + coarse, leap) ||
+                (same && !facing))
+                return true;
             const std::lock_guard lock(mutex);
             crossing.insert(crossing.end(), {own, other});
             return true;

@@ -199,6 +199,14 @@ WAYS = ("stands", "leans", "sunk", "flush", "inside")
 GAPS = (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 
 
+def a_gap(rng: np.random.Generator, most: float = 1e-3, least: float = 0.0) -> float:
+    """One of `GAPS` in half of the draws, else any down to 1e-9: of bounds on rounding that tell
+    what is close, one may hold and another not."""
+    if rng.random() < 0.5:
+        return float(rng.choice([g for g in GAPS if least <= g <= most]))
+    return float(f"{10 ** rng.uniform(math.log10(max(least, 1e-9)), math.log10(most)):.3g}")
+
+
 def gridded(lo: Any, hi: Any, n: int, **more: Any) -> Part:
     """A box, front outside, each face of n x n quads."""
     lo, hi = np.asarray(lo, float), np.asarray(hi, float)
@@ -331,7 +339,7 @@ def touch(rng: np.random.Generator, lower: str, upper: str, way: str) -> Touch:
     floor = bool(lower in OPAQUE and way != "inside" and rng.random() < 0.5)
     plain = bool(rng.random() < 0.5)
     return Touch(
-        lower, upper, way, float(rng.choice(GAPS)), floor, float(rng.uniform(0.05, 0.7)),
+        lower, upper, way, a_gap(rng), floor, float(rng.uniform(0.05, 0.7)),
         float(rng.uniform(0.02, 0.5)), tuple(rng.uniform(-0.5, 0.5, 2).round(3).tolist()),
         (float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0.05, 1.2)),
          float(rng.uniform(1.5, 2.4))),
@@ -378,7 +386,7 @@ def nested(rng: np.random.Generator) -> Question:
         upper = "fog"  # `settled` says why
     x = touch(rng, lower, upper, "inside")
     turn = tuple(rng.random(3).tolist()) if rng.random() < 0.9 else None
-    x = settled(Touch(**{**vars(x), "gap": float(rng.choice(GAPS[:4])), "turn": turn}))
+    x = settled(Touch(**{**vars(x), "gap": a_gap(rng, 1e-6), "turn": turn}))
     return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
 
 
@@ -386,7 +394,7 @@ def inlaid(rng: np.random.Generator) -> Question:
     """An opaque body within a lamp, turned, within the rounding of their faces: invisible."""
     x = touch(rng, "lamp", str(rng.choice(sorted(OPAQUE - {"lamp"}))), "inside")
     turn = tuple(rng.random(3).tolist())
-    x = settled(Touch(**{**vars(x), "gap": float(rng.choice(GAPS[:3])), "turn": turn}))
+    x = settled(Touch(**{**vars(x), "gap": a_gap(rng, 1e-7), "turn": turn}))
     return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
 
 

@@ -17,13 +17,13 @@ from trimesh.transformations import random_rotation_matrix
 from veriray.scene import Scene
 from veriray_validate.everyday import (
     CLEAR,
-    GAPS,
     LIFTED,
     LOSSLESS,
     LOSSY,
     OPAQUE,
     REFRACTS,
     Question,
+    a_gap,
     direction,
     fittings,
     moved,
@@ -225,7 +225,7 @@ def contact(rng: np.random.Generator, lower: str, upper: str, way: str) -> Conta
     if way in ("inside", "lies") and pair <= REFRACTS:
         upper = "fog"
     floor = bool(lower in OPAQUE and way in ("stands", "sunk") and rng.random() < 0.7)
-    gap = float(rng.choice(GAPS))
+    gap = a_gap(rng)
     if "lamp" in pair and pair & REFRACTS:
         way, gap = "stands", max(gap, 1e-4)
     three = [tuple(rng.random(3).tolist()) for _ in range(3)]
@@ -284,7 +284,7 @@ def balls(rng: np.random.Generator) -> Question:
     Their centres differ by less than their radii do, or by rounding.
     """
     upper = str(rng.choice([*LOSSLESS, "diffuse", "mirror", "plastic"]))
-    lower, gap = str(rng.choice([*CLEAR, *sorted(REFRACTS)])), float(rng.choice(GAPS[:4]))
+    lower, gap = str(rng.choice([*CLEAR, *sorted(REFRACTS)])), a_gap(rng, 1e-6)
     x = contact(rng, lower, upper, "inside")
     gap = max(gap, x.gap) if "lamp" in (x.lower, x.upper) else gap
     x = replace(x, forms=("ball", "ball"), gap=gap, way="inside")

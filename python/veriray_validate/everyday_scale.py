@@ -15,7 +15,7 @@ import numpy.typing as npt
 from trimesh.transformations import random_rotation_matrix
 
 from veriray.scene import Scene
-from veriray_validate.everyday import LOSSY, Question, gridded, moved
+from veriray_validate.everyday import LOSSY, Question, a_gap, gridded, moved
 from veriray_validate.form_factors import rectangle_above_corner
 from veriray_validate.scenes import (
     MIRROR,
@@ -290,7 +290,7 @@ def stacked_fogs(rng: np.random.Generator) -> Question:
     count, order = int(rng.integers(2, 4)), bool(rng.random() < 0.5)
     within = bool(rng.random() < 0.5)
     mirror = within or bool(rng.random() < 0.2)
-    gap = chosen(rng, (0.0, 2.0**-24, 1e-7, 1e-6))
+    gap = a_gap(rng, 1e-6)
     thick, far = decades(rng, -2.5, -1), decades(rng, 1.4, 1.7)
     depths = rng.uniform(0.2, 0.5, count)
     depths *= np.linspace(0.2, 1, count) if within else 1  # the inner ones are told from the outer
@@ -332,7 +332,7 @@ def wide_fogs(rng: np.random.Generator) -> Question:
     light = chosen(rng, ("ground", "sun", "sky"))
     turned = bool(rng.random() < 0.3)
     count, half = int(rng.integers(1, 4)), decades(rng, 1, 2 if turned else 5)
-    gap = chosen(rng, (0.0, 2.0**-24, 1e-7, 1e-4, 0.1, 10.0))
+    gap = a_gap(rng, 10.0)
     layers = [(float(rng.uniform(0.3, 1)), float(rng.uniform(0.1, 1))) for _ in range(count)]
     top = sum(thick + gap for thick, _ in layers)
     half = max(half, 4 * top)  # the view and the sun go through all layers

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from veriray.scene import Scene
-from veriray_validate.everyday import LIFTED, Question
+from veriray_validate.everyday import LIFTED, Question, a_gap
 from veriray_validate.scenes import Part, camera, disk, make, quad
 
-#: Of a cover and its lamp; the largest is that of the scene with which the others are compared.
-GAPS = (2e-6, 5e-6, 1e-5, LIFTED)
+LEAST = 2e-6  # between a cover and its lamp
 
 
 def sheet(kind: str, x: float, y: float, z: float, half: float, down: bool, *more: float) -> Part:
@@ -35,7 +34,7 @@ def sheets(rng: np.random.Generator) -> Question:
         radiance = round(float(10 ** rng.uniform(-1, 1)), 3)
         lamps.append((kind, over if covered else "", x, y, 0.8 + 0.5 * k, half, half * share, down,
                       radiance))  # fmt: skip
-    gap = float(rng.choice(GAPS))
+    gap = a_gap(rng, LIFTED, LEAST)
     order = rng.permutation(2 * len(lamps) + 1)
     look = float(rng.uniform(0, 2 * np.pi))
 

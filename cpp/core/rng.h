@@ -74,8 +74,8 @@ VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
         constexpr uint32_t kTop = ~0u << (32 - kGroupDigits);
         return (word & U(~kTop)) | (at_top & U(kTop));
     };
-    return {lead(r.x, digits << 28), lead(r.y, digits << 20), lead(r.z, digits << 12),
-            lead(r.w, digits << 4)};
+    return {lead(r.x, digits << 24), lead(r.y, digits << 16), lead(r.z, digits << 8),
+            lead(r.w, digits)};
 }
 
 // An unbounded run of blocks, for what takes a number of steps that is not known beforehand.

@@ -15,23 +15,24 @@ namespace veriray {
 // The samples of a group, and the binary digits of each number that it settles.
 inline constexpr uint32_t kGroupSamples = 16, kGroupDigits = 4;
 
-// order, shift: random words, the same for all samples of a group. Byte k of the result, in its
-// lower half, has the digits of number k, the first one highest.
+// order, shift: random words, the same for all samples of a group, of which the last four bits are
+// not used: those of a hash are its weakest. Byte k of the result, in its upper half, has the
+// digits of number k, the first one highest.
 template <class U>
 VR_HD U group_digits(U order, U shift, U sample) {
     const auto all_if = [](U bit) { return U(0u) - (bit & U(1u)); };
     // The place in each pair's sequence, with bits reversed, in bytes 0 and 2: bits of the sample
     // from the last to the first, each of which changes those before it at random.
-    U x = order & U(0x000f000fu);
-    x = x ^ (all_if(sample) & U(0x00080008u));
-    x = x ^ (all_if(sample >> 1) & (U(0x00040004u) | (order >> 12 & U(0x00080008u))));
-    x = x ^ (all_if(sample >> 2) & (U(0x00020002u) | (order >> 8 & U(0x000c000cu))));
-    x = x ^ (all_if(sample >> 3) & (U(0x00010001u) | (order >> 4 & U(0x000e000eu))));
+    U x = order & U(0x00f000f0u);
+    x = x ^ (all_if(sample) & U(0x00800080u));
+    x = x ^ (all_if(sample >> 1) & (U(0x00400040u) | (order >> 8 & U(0x00800080u))));
+    x = x ^ (all_if(sample >> 2) & (U(0x00200020u) | (order >> 6 & U(0x00c000c0u))));
+    x = x ^ (all_if(sample >> 3) & (U(0x00100010u) | (order >> 3 & U(0x00e000e0u))));
     // These are the first dimension's digits. The second one's generator is the Pascal matrix
     // modulo 2, which maps the polynomial i(t) to i(t + 1).
-    U y = x ^ (x & U(0x00030003u)) << 2;
-    y = y ^ (y & U(0x00050005u)) << 1;
-    return (x | y << 8) ^ (shift & U(0x0f0f0f0fu));
+    U y = x ^ (x & U(0x00300030u)) << 2;
+    y = y ^ (y & U(0x00500050u)) << 1;
+    return (x | y << 8) ^ (shift & U(0xf0f0f0f0u));
 }
 
 }  // namespace veriray

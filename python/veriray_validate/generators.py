@@ -70,9 +70,9 @@ def group_digits(random: Sequence[Array], sample: Array) -> list[Array]:
         # Bit k of the place: that of the sample, random ones of the higher bits, and a shift.
         place = []
         for k in range(4):
-            bit = bits(sample, k) ^ bits(order, 16 * pair + 3 - k)
+            bit = bits(sample, k) ^ bits(order, 16 * pair + 7 - k)
             for high in range(k + 1, 4):
-                first = {3: 4, 2: 8, 1: 12}[high]
+                first = {3: 7, 2: 10, 1: 12}[high]
                 bit = bit ^ bits(sample, high) & bits(order, 16 * pair + first + 3 - k)
             place.append(bit)
         for dimension in (0, 1):
@@ -84,7 +84,7 @@ def group_digits(random: Sequence[Array], sample: Array) -> list[Array]:
                 v = v ^ v >> 1 if dimension else v >> 1
             number = np.zeros_like(place[0])
             for d in range(4):
-                number |= (digit[d] ^ bits(shift, byte + 3 - d)) << np.uint64(3 - d)
+                number |= (digit[d] ^ bits(shift, byte + 7 - d)) << np.uint64(3 - d)
             columns.append(number)
     return columns
 

@@ -131,7 +131,8 @@ def rough_metal(t: Trial, alpha: float, ggx: bool, mu: float, lit: str) -> None:
 def rough_plastic(t: Trial, alpha: float, ggx: bool, mu: float, lit: str, heights: bool) -> None:
     """A rough coat on a matt base: E(mu) + rho T(mu) mean T / (eta^2 (1 - Fi)), by quadrature.
 
-    T, what the coat lets in, linear between 64 cosines; nonlinear. Sees 1 %.
+    T, what the coat lets in, linear between 64 cosines; nonlinear. Tables are made with 48 x 48
+    slopes for a cosine, which is up to 1.3e-4 off for a base of 0.9. Sees 1 %.
     """
     eta, rho = 1.5, np.array([0.1, 0.5, 0.9])
     table, inside = coat(eta, alpha, ggx, heights)
@@ -141,7 +142,8 @@ def rough_plastic(t: Trial, alpha: float, ggx: bool, mu: float, lit: str, height
     base = rho / (1 - rho * inside) / eta**2 * mean * np.interp(mu, grid, table)
     exact = 0.8 * share(mu, alpha, ggx, lambda c: fresnel(c, eta), None, 0.0, heights) + base
     smooth = plastic(rho, eta, nonlinear=True, specular_reflectance=rgb(0.8))
-    t.agrees(plate(rough(alpha, ggx, smooth, heights), mu, lit), exact, 800_000, sees=0.01)
+    t.agrees(plate(rough(alpha, ggx, smooth, heights), mu, lit), exact, 800_000, sees=0.01,
+             margin=2e-4)  # fmt: skip
 
 
 @case(3, each={"alpha": (0.05, 0.4), "ggx": (True, False), "mu": (0.9, 0.3),

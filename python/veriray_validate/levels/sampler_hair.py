@@ -107,9 +107,9 @@ def shares_of(name: str, angle: float) -> Array:
 def hair_directions(t: Trial, name: str, angle: float) -> None:
     """Directions of samples against the exact density, in 20 x 20 cells of a hemisphere.
 
-    Cells by midpoints, 24 x 24 each; those of fewer than 20 samples are one. 10^5 samples: sees 7 %
-    in the variance along, 4 % in the scale around and 0.012 in the tilt of the scales, where light
-    is not spread over all directions ("broad").
+    Cells by midpoints; those of fewer than 20 samples are one. 10^5 samples: sees 7 % in the
+    variance along, 4 % in the scale around and 0.012 in the tilt of the scales, where light is not
+    spread over all directions ("broad").
     """
     p, n, (wo, frame) = FIBRES[name], N * t.effort, view(angle)
     s = sampled(t, grey(p), True, wo, *random_numbers(t, n)[1:])

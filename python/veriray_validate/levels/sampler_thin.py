@@ -106,7 +106,7 @@ def shares_of(name: str, angle: float) -> Array:
 def thin_directions(t: Trial, name: str, angle: float) -> None:
     """Directions of samples against the exact density, in 20 x 20 cells of a hemisphere.
 
-    Cells by midpoints, 24 x 24 each; those of fewer than 20 samples are one; so are samples lost.
+    Cells by midpoints; those of fewer than 20 samples are one; so are samples lost.
     10^5 samples: sees 4 % of one direction in ten.
     """
     p, n, (wo, frame) = SHEETS[name], N * t.effort, view(angle)

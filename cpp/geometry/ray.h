@@ -55,4 +55,24 @@ VR_HD typename L::F plane_distance(const Record* plane, const Ray<L>& ray) {
                           dot(broadcast<typename L::F>(plane), ray.d));
 }
 
+// Of n.p: what its rounding is in proportion to.
+template <class F>
+VR_HD F terms(Vec3<F> n, Vec3<F> p) {
+    return fma(abs(n.z), abs(p.z), fma(abs(n.y), abs(p.y), abs(n.x) * abs(p.x)));
+}
+
+// A rounded point put back on its plane, the point off the plane, and the latter's height are each
+// off by at most 2 units of 2^-24 of the terms |n_k p_k|; this is 8. The terms before the point is
+// put back are larger by at most the distance that this moves it. That counts close to the origin:
+// where the terms are less than kLocalMove times that distance, this takes their place. They count
+// as kLocalTerms at least: at a point of no height beside a normal's rounded 0 they underflow.
+inline constexpr float kLocalOffset = 0x1p-21f, kLocalMove = 3, kLocalTerms = 0x1p-40f;
+
+// The bound for a point on a plane, which was put back onto it by `off`.
+template <class F>
+VR_HD F local_offset(Vec3<F> n, Vec3<F> p, F off) {
+    const F least = max(abs(off) * F(kLocalMove), F(kLocalTerms));
+    return max(terms(n, p), least) * F(kLocalOffset);
+}
+
 }  // namespace veriray

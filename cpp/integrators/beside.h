@@ -8,8 +8,7 @@ namespace veriray {
 template <class L, FeatureMask kFeatures>
 struct Beside : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
-    using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::sphere_record,
-        Reader::terms;
+    using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::sphere_record;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
 
     // A point close to a primitive: unit normal and height over it, by the arithmetic of the tests,

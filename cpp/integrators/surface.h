@@ -143,11 +143,6 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
         }
     }
 
-    // Of n.p: what its rounding is in proportion to.
-    static VR_HD F terms(V n, V p) {
-        return fma(abs(n.z), abs(p.z), fma(abs(n.y), abs(p.y), abs(n.x) * abs(p.x)));
-    }
-
     static VR_HD Surface<L> surface_at(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
                                        M valid) {
         const U prim = select(valid, hit.primitive, U(0u));
@@ -166,11 +161,7 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
         at.p = fma(at.ng, off, at.p);
         if constexpr (has(kLocalOffsets)) {
             const M local = at.offset < F(0.f);
-            if (any(local)) {
-                const F least = max(abs(off) * F(kLocalMove), F(kLocalTerms));
-                at.offset =
-                    select(local, max(terms(at.ng, at.p), least) * F(kLocalOffset), at.offset);
-            }
+            if (any(local)) at.offset = select(local, local_offset(at.ng, at.p, off), at.offset);
         }
         at.ns = at.ng;
         if constexpr (has(kSmooth))

@@ -7,7 +7,7 @@
 namespace veriray {
 namespace {
 
-// Rays begin that far before a patch, times its largest coordinate: 16 roundings of that.
+// Rays begin that far before a sphere, times its largest coordinate: 16 roundings of that.
 constexpr double kBefore = 0x1p-20;
 
 double largest(Double3 p) { return std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}); }
@@ -52,11 +52,18 @@ void HostScene::set_meter(const SceneInput& in) {
                       across = vector(k, 8) * (1 / unit), n = cross(a, across);
         const bool round = kind_of(k) == PatchKind::kSphere;
         const Double3 b = round ? Double3{side, 0, 0} : across;
-        const double far = largest(o) + largest(a) + (round ? 0 : largest(b));
-        const Double3 vectors[] = {o, a, b, length(n) > 0 ? normalised(n) * side : n};
+        const Double3 front = length(n) > 0 ? normalised(n) * side : n;
+        const Double3 vectors[] = {o, a, b, front};
+        const auto plane = [&] {  // of the rounded normal
+            const auto rounded = [](double x) {
+                return static_cast<double>(static_cast<float>(x));
+            };
+            return dot({rounded(front.x), rounded(front.y), rounded(front.z)}, o);
+        };
         const double last[] = {static_cast<double>(kind_of(k)),
-                               areas[k] > 0 ? areas[k] / total / ((end - begin) * 0x1p-24) : 0, 0,
-                               kBefore * far};
+                               areas[k] > 0 ? areas[k] / total / ((end - begin) * 0x1p-24) : 0,
+                               round ? 0 : plane(),
+                               round ? kBefore * (largest(o) + largest(a)) : 0};
         float* out = meter_patches.data() + count + size_t{k} * kPatchFloats;
         for (uint32_t v = 0; v < 4; ++v) {
             for (int c = 0; c < 3; ++c) out[4 * v + c] = static_cast<float>(vectors[v][c]);

@@ -44,8 +44,16 @@ constexpr double kAcross = 0.75;
 // ball.
 constexpr double kOnBall = 0x1p-5;
 // The largest number of pairs that are examined; beyond it, each primitive that lets light through
-// is paired only with the largest of all.
+// is paired only with the largest of all, and with those of other bodies around its own.
 constexpr size_t kMostPairs = size_t{1} << 26;
+// Corners are off by half of a unit of float64 in the file and another one here; where they are
+// numbers of float32, as in most files of meshes, by half of one of those. Faces across an axis are
+// exact.
+constexpr double kRoundedCorner = 0x1p-50, kRoundedFile = 0x1p-21;
+// Projections onto two faces in turn, which lead to a point of both.
+constexpr int kSteps = 8;
+// The largest number of bodies near which small faces are looked for, too.
+constexpr size_t kMostBodies = 64;
 // The largest relative difference in size of bodies that count as equal.
 constexpr double kSameSize = 1e-6;
 // The largest number of nested bodies with faces in one plane.
@@ -64,6 +72,10 @@ struct Touch {
     uint32_t own, other;  // own: lets light through, and is moved
     double turn;          // -1: they face in opposite directions
     bool out;             // own must lie beyond the other along its own normal, else before it
+    bool rests;           // own lies on an opaque face of its direction
+    bool above;           // own lies over another of its direction that lets light through
+    bool far;             // farther than that, unless one of them is moved
+    bool crosses;         // rays that leave one by its offset may pass the other
     double apart;         // the distance by which it does now
     double want;
 
@@ -76,6 +88,11 @@ struct Touch {
 // Without a tree, rays may leave an opaque face by kEdgeSlack, and its plane lies kPlaneSlack
 // behind it.
 constexpr double kCoarse = 2 * static_cast<double>(kEdgeSlack);
+
+// The length of shadow rays to a lamp, of which they lack 2^-21 (kShadowShorten), that counts for a
+// body of that size which touches it: less than any such ray only where its faces would move by
+// more than 2^-9 of it.
+double shadow_length(double extent) { return std::min(4., 0x1p12 * extent); }
 
 // The gap along an axis at which boxes still count as overlapping.
 double margin(const Box& b, int k, double coarse) {
@@ -122,6 +139,26 @@ Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const Primi
     if (!(length(n) > 0)) return {front, -dot(front, p[0])};
     n = normalised(n) * (dot(n, front) < 0 ? -1.0 : 1.0);
     return {n, -dot(n, p[0])};
+}
+
+// What rounding of its corners may take a face's plane off at most, near a point p.
+double corner_rounding(const SceneInput& in, Double3 centre, double unit, const PrimitiveSource& s,
+                       Double3 n, Double3 p) {
+    const double most = std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z)});
+    if (most == std::abs(n.x) + std::abs(n.y) + std::abs(n.z)) return 0;
+    bool single = true;
+    for (uint32_t k = 0; k < 9; ++k) {
+        const double x =
+            s.group == kDiskGroup
+                ? in.disks.data[9 * size_t{s.row} + k]
+                : in.vertices.data[3 * size_t{in.triangles.data[3 * s.row + k / 3]} + k % 3];
+        single &= static_cast<double>(static_cast<float>(x)) == x;
+    }
+    const Double3 c = centre * (1 / unit);
+    const double size = std::abs(n.x) * (std::abs(c.x) + std::abs(p.x)) +
+                        std::abs(n.y) * (std::abs(c.y) + std::abs(p.y)) +
+                        std::abs(n.z) * (std::abs(c.z) + std::abs(p.z));
+    return size * (single ? kRoundedFile : kRoundedCorner);
 }
 
 // The point of a convex face with normal n that is closest to a point p of its plane.
@@ -273,6 +310,11 @@ void HostScene::part_concentric(const SceneInput& in) {
     const auto apart = [&](uint32_t i) {
         return kParted * (length(places[i].low) + radius[i] + std::min(0.5, 32 * 2 * radius[i]));
     };
+    const auto to_lamp = [&](uint32_t i) {
+        return in.sphere_emission.data[i] >= 0
+                   ? static_cast<double>(kLocalOffset) * shadow_length(2 * radius[i])
+                   : 0;
+    };
     shrink_copies(in, places, fixed, apart, radius, moves);
     const auto rank = [&](uint32_t i) {  // of equal radii, from the inside out
         const bool body = fixed[i] && !lets_through(in, kSphereGroup, i) &&
@@ -292,7 +334,7 @@ void HostScene::part_concentric(const SceneInput& in) {
     box_pairs(
         clear.size(),
         [&](size_t k) {
-            const double by = 2 * apart(clear[k]);
+            const double by = 2 * (apart(clear[k]) + to_lamp(clear[k]));
             return Box{places[clear[k]].low - Double3{by, by, by},
                        places[clear[k]].high + Double3{by, by, by}};
         },
@@ -300,7 +342,7 @@ void HostScene::part_concentric(const SceneInput& in) {
         [&](size_t k, size_t other) {
             uint32_t a = clear[k], b = static_cast<uint32_t>(other);
             const double off = length(places[a].low - places[b].low);
-            const double want = off + std::max(apart(a), apart(b));
+            const double want = off + std::max(apart(a), apart(b)) + to_lamp(a) + to_lamp(b);
             if (a == b || std::abs(radius[a] - radius[b]) > 2 * want || off > 0.5 * want)
                 return true;
             if (!within(a, b)) std::swap(a, b);
@@ -368,8 +410,6 @@ void HostScene::part_touching(const SceneInput& in) {
     for (uint32_t i = 0; i < planar; ++i)
         if (is_clear(i)) clear.push_back(i);
     if (clear.empty()) return;
-    const std::vector<uint32_t> others =
-        largest_faces(in, planar, std::min(planar, kMostPairs / clear.size()));
     const auto column = [&](uint32_t i, uint32_t c) -> float& {
         return primitives[static_cast<size_t>(i) * view.primitive_row +
                           static_cast<size_t>(c) * view.primitive_column];
@@ -382,28 +422,60 @@ void HostScene::part_touching(const SceneInput& in) {
         return exact_plane(in, centre, unit, sources[i], rounded_plane(i).n);
     };
     // Primitives of one surface are a body.
-    std::map<std::tuple<uint32_t, int32_t, int32_t>, Box> bodies;
-    std::vector<Box*> body(planar, nullptr);
-    for (size_t i = 0; i < clear.size(); ++i) {
-        const PrimitiveSource& s = sources[clear[i]];
-        const Box box = box_around(in, clear[i]);
-        const bool same = i > 0 && s.same_surface(sources[clear[i - 1]]);
-        const auto key = std::tuple(s.material, s.emission, s.boundary);
-        Box*& own = body[clear[i]];
-        own = same ? body[clear[i - 1]] : &bodies.try_emplace(key, box).first->second;
-        *own = around(*own, box);
+    struct Body {
+        Box box;
+        bool clear;
+    };
+    std::map<std::tuple<uint32_t, int32_t, int32_t>, Body> bodies;
+    std::vector<const Body*> body(planar, nullptr);
+    Body* last = nullptr;
+    for (uint32_t i = 0; i < planar; ++i) {
+        const PrimitiveSource& s = sources[i];
+        const Box box = box_around(in, i);
+        if (!last || !s.same_surface(sources[i - 1])) {
+            const auto key = std::tuple(s.material, s.emission, s.boundary);
+            last = &bodies.try_emplace(key, Body{box, is_clear(i)}).first->second;
+        }
+        last->box = around(last->box, box);
+        body[i] = last;
     }
-    const auto size_of_body = [&](uint32_t i) { return length(body[i]->high - body[i]->low); };
+    const std::vector<uint32_t> large =
+        largest_faces(in, planar, std::min(planar, kMostPairs / clear.size()));
+    // Beyond them, faces of different bodies, one of which lets light through, where both are.
+    std::vector<uint32_t> small, close;
+    if (large.size() < planar && bodies.size() <= kMostBodies) {
+        std::vector<bool> is_large(planar, false);
+        for (const uint32_t i : large) is_large[i] = true;
+        for (uint32_t i = 0; i < planar; ++i) {
+            const Box box = box_around(in, i);
+            bool by_any = false, by_clear = false;
+            for (const auto& [key, other] : bodies)
+                if (&other != body[i] && meet(widened(other.box, 0), box))
+                    by_any = true, by_clear = by_clear || other.clear;
+            if (by_clear && !is_large[i]) small.push_back(i);
+            if (by_any && body[i]->clear) close.push_back(i);
+        }
+    }
+    const auto size_of_body = [&](uint32_t i) {
+        return length(body[i]->box.high - body[i]->box.low);
+    };
     const auto holds = [&](uint32_t a, uint32_t b) {
         const double more = size_of_body(a) - size_of_body(b);
         return std::abs(more) > kSameSize * size_of_body(a) ? more > 0 : a < b;
     };
     const bool flat = records.empty();
+    const auto nearest_point = [&](uint32_t i, Double3 n, Double3 p) {  // p: in the plane
+        const uint32_t row = sources[i].row;
+        if (sources[i].group != kDiskGroup)
+            return nearest_on(flat ? flats_[i] : triangle(in, row), n, p);
+        const auto row_of = [&](uint32_t k) { return row3(in.disks, 3 * row + k); };
+        return nearest_on_disk((row_of(0) - centre) * (1 / unit), row_of(1) * (1 / unit),
+                               row_of(2) * (1 / unit), p);
+    };
     std::vector<Touch> touches;
     std::vector<uint32_t> crossing;
     std::mutex mutex;
-    const auto look = [&](size_t i, size_t k) {
-        const uint32_t own = clear[i], other = others[k];
+    const auto look = [&](uint32_t own, uint32_t other) {
         Box common;
         const bool other_clear = is_clear(other);
         const double coarse = flat && !other_clear ? kCoarse : 0;
@@ -421,64 +493,86 @@ void HostScene::part_touching(const SceneInput& in) {
         const bool same = from.same_surface(to);
         if (turn > 0 && same) return true;
         const auto [least, most] = heights(common, g, b.w - a.w * turn);
-        if (length(g) > kParallel || most > 2 * want + coarse) {
-            // They meet only along a line, or are no closer than their rounding here, but than that
-            // at their corners: a ray that leaves one by its offset may pass the other.
-            const double leap = std::max(column(own, kPrimOffset), column(other, kPrimOffset));
-            const bool facing = turn < 0 && !(length(g) > kParallel);
-            if (length(g) > kAcross || least > std::max(2 * want + coarse, leap) ||
-                (same && !facing))
-                return true;
+        const bool parallel = !(length(g) > kParallel);
+        const double limit = 2 * want + coarse;
+        // No closer than their rounding here, but than that at their corners: a ray that leaves one
+        // by its offset may pass the other.
+        const double leap = std::max(column(own, kPrimOffset), column(other, kPrimOffset));
+        const bool facing = turn < 0 && parallel;
+        // Or they meet only along a line: a ray from a point near it leaves one and not the other.
+        const bool crosses =
+            !(length(g) > kAcross || least > std::max(limit, leap) || (same && !facing));
+        if (!parallel || most > limit + (other_clear ? kMostMoved : 0)) {
             const std::lock_guard lock(mutex);
-            crossing.insert(crossing.end(), {own, other});
+            if (crosses) crossing.insert(crossing.end(), {own, other});
             return true;
         }
         // How far `own` lies beyond the other along its own normal.
         const Double3 p = (common.low + common.high) * 0.5;
         const Plane a0 = exact(own), b0 = exact(other);
-        double beyond = b0.over(p) * turn - a0.over(p);
-        if (std::abs(beyond) <= 1e-13 * size) beyond = 0;
-        Touch t{own, other, turn, false, 0, want};
+        Double3 at = p, seen_at = p;  // of own, of the other; one point if they overlap
+        for (int step = 0; step < kSteps && (step == 0 || length(at - seen_at) > want); ++step) {
+            at = nearest_point(own, a0.n, seen_at - a0.n * a0.over(seen_at));
+            seen_at = nearest_point(other, b0.n, at - b0.n * b0.over(at));
+        }
+        if (length(at - seen_at) > limit + 2 * kMostMoved) {  // side by side
+            const std::lock_guard lock(mutex);
+            if (crosses) crossing.insert(crossing.end(), {own, other});
+            return true;
+        }
+        double beyond = b0.over(at) * turn - a0.over(at);
+        const double rounding = corner_rounding(in, centre, unit, from, a0.n, at) +
+                                corner_rounding(in, centre, unit, to, b0.n, at);
+        if (std::abs(beyond) <= std::max(1e-13 * size, rounding)) beyond = 0;
+        Touch t{own, other, turn, false, false, false, most > limit, crosses, 0, want};
         if (turn < 0)
             t.out = same && beyond > 0;  // a thin body's two sides
-        else if (other_clear && (beyond > 0 || (beyond == 0 && holds(own, other))))
-            return true;  // the other lies within
+        else if (other_clear)
+            t.out = t.above = beyond > 0 || (beyond == 0 && holds(own, other));
         else
-            t.out = !other_clear && beyond >= 0;
+            t.out = t.rests = beyond >= 0;
         if (coarse > 0 && turn > 0 && !t.out) t.want += 2 * static_cast<double>(kPlaneSlack);
-        // Shadow rays from within a body end before the lamp that it touches (lights/light.h), but
-        // must meet the body's face first.
+        // Shadow rays end before the lamp that a body touches (lights/light.h), but must meet the
+        // body's face first.
         if (to.emission >= 0 && !near)
-            t.want +=
-                static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent);
+            t.want += static_cast<double>(kLocalOffset) *
+                      (terms(box_around(in, other), b.n) + extent + shadow_length(extent));
         const double slope = heights(common, g, -dot(g, p)).second;
         t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
         const std::lock_guard lock(mutex);
-        touches.push_back(t);
+        if (!t.far || t.apart >= t.want)
+            touches.push_back(t);
+        else if (crosses)
+            crossing.insert(crossing.end(), {own, other});
         return true;
     };
-    box_pairs(
-        clear.size(),
-        [&](size_t i) { return widened(box_around(in, clear[i]), flat ? kCoarse : 0); },
-        others.size(), [&](size_t k) { return box_around(in, others[k]); }, look);
-    std::sort(touches.begin(), touches.end());
-    // A move into the body takes precedence over a move off another surface.
-    std::vector<double> move(planar, 0.0);
-    std::vector<bool> inward(planar, false);
-    for (const Touch& t : touches)
-        if (!t.out) inward[t.own] = true;
-    const auto nearest_point = [&](uint32_t i, Double3 n, Double3 p) {  // p: in the plane
-        const uint32_t row = sources[i].row;
-        if (sources[i].group != kDiskGroup)
-            return nearest_on(flat ? flats_[i] : triangle(in, row), n, p);
-        const auto row_of = [&](uint32_t k) { return row3(in.disks, 3 * row + k); };
-        return nearest_on_disk((row_of(0) - centre) * (1 / unit), row_of(1) * (1 / unit),
-                               row_of(2) * (1 / unit), p);
+    const auto around_faces = [&](const std::vector<uint32_t>& faces) {
+        return [&](size_t i) { return widened(box_around(in, faces[i]), flat ? kCoarse : 0); };
     };
+    const auto boxes_of = [&](const std::vector<uint32_t>& faces) {
+        return [&](size_t k) { return box_around(in, faces[k]); };
+    };
+    box_pairs(clear.size(), around_faces(clear), large.size(), boxes_of(large),
+              [&](size_t i, size_t k) { return look(clear[i], large[k]); });
+    if (!small.empty())
+        box_pairs(close.size(), around_faces(close), small.size(), boxes_of(small),
+                  [&](size_t i, size_t k) {
+                      return body[close[i]] == body[small[k]] || look(close[i], small[k]);
+                  });
+    std::sort(touches.begin(), touches.end());
+    // A face that rests on an opaque one of its direction moves off it, and off what rests there
+    // too. Of others, a move into the body takes precedence over a move off another surface.
+    std::vector<double> move(planar, 0.0);
+    std::vector<bool> inward(planar, false), rests(planar, false);
+    for (const Touch& t : touches)
+        if (t.rests && !t.far) rests[t.own] = true;
+    for (const Touch& t : touches)
+        if (!t.out && !t.far && !rests[t.own]) inward[t.own] = true;
     // So does one off an opaque ball below the face, as a planet, where the face would move out.
     std::vector<uint32_t> outward;
     for (const Touch& t : touches)
-        if (!inward[t.own] && (outward.empty() || outward.back() != t.own))
+        if (!t.far && !inward[t.own] && (rests[t.own] || !t.above) &&
+            (outward.empty() || outward.back() != t.own))
             outward.push_back(t.own);
     box_pairs(
         outward.size(), [&](size_t i) { return widened(box_around(in, outward[i]), 0); },
@@ -498,7 +592,7 @@ void HostScene::part_touching(const SceneInput& in) {
             if (height <= 0 || apart > 2 * want) return true;
             if (length(nearest - foot) > kOnBall * length(c - nearest)) return true;
             const std::lock_guard lock(mutex);
-            inward[own] = true;
+            inward[own] = true, rests[own] = false;
             move[own] = std::max(std::min(move[own], apart - want), -kMostMoved);
             return true;
         });
@@ -506,7 +600,7 @@ void HostScene::part_touching(const SceneInput& in) {
     for (int round = 0; changed && round < kMostLayers; ++round) {
         changed = false;
         for (const Touch& t : touches) {
-            if (t.out && inward[t.own]) continue;
+            if (t.above ? !rests[t.own] : t.out ? inward[t.own] : rests[t.own]) continue;
             const double sign = t.out ? 1 : -1;
             const double apart = t.apart + sign * (move[t.own] - t.turn * move[t.other]);
             if (apart >= t.want * (1 - 1e-6)) continue;
@@ -516,7 +610,9 @@ void HostScene::part_touching(const SceneInput& in) {
             move[t.own] = by;
         }
     }
-    for (const Touch& t : touches) crossing.insert(crossing.end(), {t.own, t.other});
+    for (const Touch& t : touches)
+        if (!t.far || t.crosses || move[t.own] != 0 || move[t.other] != 0)
+            crossing.insert(crossing.end(), {t.own, t.other});
     for (const uint32_t i : crossing) {
         if (column(i, kPrimOffset) == kTouches) continue;
         column(i, kPrimOffset) = kTouches;

@@ -33,13 +33,7 @@ enum PrimitiveColumn : uint32_t {
     kPrimColumns,
 };
 
-// A rounded point put back on its plane, the point off the plane, and the latter's height are each
-// off by at most 2 units of 2^-24 of the terms |n_k p_k|; this is 8. The terms before the point is
-// put back are larger by at most the distance that this moves it. That counts close to the origin:
-// where the terms are less than kLocalMove times that distance, this takes their place. They count
-// as kLocalTerms at least: at a point of no height beside a normal's rounded 0 they underflow.
-inline constexpr float kLocalOffset = 0x1p-21f, kLocalMove = 3, kLocalTerms = 0x1p-40f,
-                       kLocal = -1.f, kTouches = -2.f;
+inline constexpr float kLocal = -1.f, kTouches = -2.f;  // of kPrimOffset
 
 // Interpolated normal as an affine function of the point on the triangle: 3 rows of {g, w}.
 inline constexpr uint32_t kSmoothFloats = 12;

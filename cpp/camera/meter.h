@@ -16,9 +16,8 @@ enum class PatchKind : uint32_t { kTriangle, kParallelogram, kDisk, kSphere };
 
 // A patch: a point and its kind; an axis and what a ray counts; another axis, which of spheres
 // begins with 1 or -1, the side of the front, and of which the first begins with the radius; of
-// flat ones behind it n.p on its plane; the normal of the front and, of spheres, how far before the
-// patch rays begin. Before flat ones they begin by the bound on rounding at the point, as paths
-// that leave a surface do, so that something may lie on the sensor.
+// flat ones behind it n.p on its plane; the normal of the front and how far before the patch rays
+// begin, as paths that leave the surface do, or 0: by the bound at the point.
 inline constexpr uint32_t kPatchFloats = 16;
 
 struct MeterView {
@@ -75,7 +74,7 @@ VR_HD MeterRay<L> meter_ray(const MeterView& m, Vec3<typename L::F> ahead, typen
     Vec3<F> flat = fma(a, along_a, fma(b, along_b, o));
     const F off = number(11) - dot(n, flat);
     flat = fma(n, off, flat);
-    const F before = select(round, number(15), local_offset(n, flat, off));
+    const F own = number(15), before = select(own > zero, own, local_offset(n, flat, off));
     const Vec3<F> p = select(round, fma(out, a.x, o), flat);
     if (m.kind == MeterKind::kDistant) return {{fma(ahead, F(-4.f), p), ahead}, number(7)};
     Vec3<F> p1, p2;

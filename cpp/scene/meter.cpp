@@ -1,5 +1,6 @@
 // The table of a camera whose rays begin at, or go to, a shape.
 #include <algorithm>
+#include <optional>
 
 #include "scene/intervals.h"
 #include "scene/scene.h"
@@ -7,9 +8,17 @@
 namespace veriray {
 namespace {
 
-// Rays begin that far before a sphere, times its largest coordinate: 16 roundings of that.
+// Rays begin that far before a patch whose face is not known, times its largest coordinate: 16
+// roundings of that.
 constexpr double kBefore = 0x1p-20;
 
+// The largest number of pairs of patches and faces that are examined.
+constexpr size_t kMostMatches = size_t{1} << 24;
+
+Double3 rounded(Double3 p) {
+    const auto one = [](double x) { return static_cast<double>(static_cast<float>(x)); };
+    return {one(p.x), one(p.y), one(p.z)};
+}
 double largest(Double3 p) { return std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}); }
 
 }  // namespace
@@ -45,6 +54,32 @@ void HostScene::set_meter(const SceneInput& in) {
     meter_patches.assign(size_t{count} * (1 + kPatchFloats), 0.f);
     meter_guides.assign((size_t{1} << m.bits) + 1, 0u);
     put_intervals(sums, meter_patches.data(), meter_guides.data(), m.bits);
+    // The face that a flat patch is, or a part of it.
+    const auto face_of = [&](uint32_t k) -> std::optional<uint32_t> {
+        if (size_t{count} * view.first_sphere > kMostMatches) return {};
+        const Double3 o = vector(k, 2), a = vector(k, 5), b = vector(k, 8);
+        const double close = 1e-12 * (largest(o) + largest(a) + largest(b));
+        const auto same = [&](Double3 p, Double3 q) { return largest(p - q) <= close; };
+        for (uint32_t i = 0; i < view.first_sphere; ++i) {
+            const PrimitiveSource& s = sources[i];
+            if ((s.group == kDiskGroup) != (kind_of(k) == PatchKind::kDisk)) continue;
+            bool fits = true;
+            for (uint32_t c = 0; c < 3; ++c) {
+                const Double3 p = s.group == kDiskGroup
+                                      ? row3(in.disks, 3 * s.row + c)
+                                      : row3(in.vertices, in.triangles.data[3 * s.row + c]);
+                fits = fits &&
+                       (s.group == kDiskGroup
+                            ? same(p, c == 0   ? o
+                                      : c == 1 ? a
+                                               : b)
+                            : same(p, o) || same(p, o + a) || same(p, o + b) ||
+                                  (kind_of(k) == PatchKind::kParallelogram && same(p, o + a + b)));
+            }
+            if (fits) return i;
+        }
+        return {};
+    };
     for (uint32_t k = 0; k < count; ++k) {
         const double end = meter_patches[k], begin = k ? meter_patches[k - 1] : 0;
         const double side = rows.data[size_t{k} * kPatchColumns + 1];
@@ -52,18 +87,23 @@ void HostScene::set_meter(const SceneInput& in) {
                       across = vector(k, 8) * (1 / unit), n = cross(a, across);
         const bool round = kind_of(k) == PatchKind::kSphere;
         const Double3 b = round ? Double3{side, 0, 0} : across;
-        const Double3 front = length(n) > 0 ? normalised(n) * side : n;
-        const Double3 vectors[] = {o, a, b, front};
-        const auto plane = [&] {  // of the rounded normal
-            const auto rounded = [](double x) {
-                return static_cast<double>(static_cast<float>(x));
+        const double far = largest(o) + largest(a) + (round ? 0 : largest(b));
+        Double3 front = length(n) > 0 ? normalised(n) * side : n;
+        double plane = dot(rounded(front), o), before = kBefore * far;
+        if (const auto face = round ? std::nullopt : face_of(k)) {
+            const auto column = [&](uint32_t c) {
+                return double{primitives[size_t{*face} * view.primitive_row +
+                                         size_t{c} * view.primitive_column]};
             };
-            return dot({rounded(front.x), rounded(front.y), rounded(front.z)}, o);
-        };
+            const Double3 own{column(kPrimN), column(kPrimN + 1), column(kPrimN + 2)};
+            const double turn = dot(own, front) < 0 ? -1 : 1;
+            front = own * turn, plane = column(kPrimPlane) * turn;
+            before = std::max(column(kPrimOffset), 0.);
+        }
+        const Double3 vectors[] = {o, a, b, front};
         const double last[] = {static_cast<double>(kind_of(k)),
                                areas[k] > 0 ? areas[k] / total / ((end - begin) * 0x1p-24) : 0,
-                               round ? 0 : plane(),
-                               round ? kBefore * (largest(o) + largest(a)) : 0};
+                               round ? 0 : plane, before};
         float* out = meter_patches.data() + count + size_t{k} * kPatchFloats;
         for (uint32_t v = 0; v < 4; ++v) {
             for (int c = 0; c < 3; ++c) out[4 * v + c] = static_cast<float>(vectors[v][c]);

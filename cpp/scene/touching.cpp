@@ -46,10 +46,10 @@ constexpr double kOnBall = 0x1p-5;
 // The largest number of pairs that are examined; beyond it, each primitive that lets light through
 // is paired only with the largest of all, and with those of other bodies around its own.
 constexpr size_t kMostPairs = size_t{1} << 26;
-// Corners are off by half of a unit of float64 in the file and another one here; where they are
-// numbers of float32, as in most files of meshes, by half of one of those. Faces across an axis are
-// exact.
-constexpr double kRoundedCorner = 0x1p-50, kRoundedFile = 0x1p-21;
+// Corners of turned faces are off by some units of float64 where they were computed, and by half of
+// one of float32 where they are numbers of that, as in most files of meshes. These shares of their
+// coordinates are 8,192 and 8 such units. Faces across an axis are exact.
+constexpr double kRoundedCorner = 0x1p-40, kRoundedFile = 0x1p-21;
 // Projections onto two faces in turn, which lead to a point of both.
 constexpr int kSteps = 8;
 // The largest number of bodies near which small faces are looked for, too.
@@ -141,24 +141,24 @@ Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const Primi
     return {n, -dot(n, p[0])};
 }
 
-// What rounding of its corners may take a face's plane off at most, near a point p.
-double corner_rounding(const SceneInput& in, Double3 centre, double unit, const PrimitiveSource& s,
-                       Double3 n, Double3 p) {
+// What rounding of its corners may take a face's plane off at most.
+double corner_rounding(const SceneInput& in, double unit, const PrimitiveSource& s, Double3 n) {
     const double most = std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z)});
     if (most == std::abs(n.x) + std::abs(n.y) + std::abs(n.z)) return 0;
     bool single = true;
-    for (uint32_t k = 0; k < 9; ++k) {
-        const double x =
-            s.group == kDiskGroup
-                ? in.disks.data[9 * size_t{s.row} + k]
-                : in.vertices.data[3 * size_t{in.triangles.data[3 * s.row + k / 3]} + k % 3];
-        single &= static_cast<double>(static_cast<float>(x)) == x;
+    double size = 0;
+    for (uint32_t c = 0; c < 3; ++c) {
+        const bool disk = s.group == kDiskGroup;
+        const Double3 p = disk ? row3(in.disks, 3 * s.row + c)
+                               : row3(in.vertices, in.triangles.data[3 * s.row + c]);
+        double terms = 0;
+        for (int k = 0; k < 3; ++k) {
+            single = single && static_cast<double>(static_cast<float>(p[k])) == p[k];
+            terms += std::abs(n[k] * p[k]);
+        }
+        size = disk ? size + terms : std::max(size, terms);
     }
-    const Double3 c = centre * (1 / unit);
-    const double size = std::abs(n.x) * (std::abs(c.x) + std::abs(p.x)) +
-                        std::abs(n.y) * (std::abs(c.y) + std::abs(p.y)) +
-                        std::abs(n.z) * (std::abs(c.z) + std::abs(p.z));
-    return size * (single ? kRoundedFile : kRoundedCorner);
+    return size / unit * (single ? kRoundedFile : kRoundedCorner);
 }
 
 // The point of a convex face with normal n that is closest to a point p of its plane.
@@ -521,8 +521,8 @@ void HostScene::part_touching(const SceneInput& in) {
             return true;
         }
         double beyond = b0.over(at) * turn - a0.over(at);
-        const double rounding = corner_rounding(in, centre, unit, from, a0.n, at) +
-                                corner_rounding(in, centre, unit, to, b0.n, at);
+        const double rounding =
+            corner_rounding(in, unit, from, a0.n) + corner_rounding(in, unit, to, b0.n);
         if (std::abs(beyond) <= std::max(1e-13 * size, rounding)) beyond = 0;
         Touch t{own, other, turn, false, false, false, most > limit, crosses, 0, want};
         if (turn < 0)

@@ -19,8 +19,6 @@ constexpr size_t kManyReceivers = 1 << 14;
 // Of a polygon around a disk, over the disk's: corners are at most 1/16 rad apart.
 constexpr double kAround = 1 + 0x1p-10;
 
-using Polygon = std::vector<Double3>;  // convex
-
 Double3 area_vector(const Polygon& p) {
     Double3 sum{};
     for (size_t i = 1; i + 1 < p.size(); ++i) sum = sum + cross(p[i] - p[0], p[i + 1] - p[0]) * 0.5;
@@ -29,6 +27,12 @@ Double3 area_vector(const Polygon& p) {
 
 // The share of a polygon that another one of its plane covers; n: the plane's normal.
 double covered_share(const Polygon& a, const Polygon& b, Double3 n) {
+    return std::abs(dot(n, area_vector(common_part(a, b, n)))) / length(area_vector(a));
+}
+
+}  // namespace
+
+Polygon common_part(const Polygon& a, const Polygon& b, Double3 n) {
     Polygon rest = a, kept;
     const double turn = dot(area_vector(b), n) < 0 ? -1 : 1;
     for (size_t k = 0; k < b.size() && !rest.empty(); ++k) {
@@ -42,10 +46,8 @@ double covered_share(const Polygon& a, const Polygon& b, Double3 n) {
         }
         rest.swap(kept);
     }
-    return std::abs(dot(n, area_vector(rest))) / length(area_vector(a));
+    return rest;
 }
-
-}  // namespace
 
 // The corners of a flat primitive, or of two that make a lamp; of a disk those of a polygon around
 // it. Empty for a sphere.

@@ -114,6 +114,10 @@ inline Double3 row3(const Rows<double>& rows, size_t i) {
 }
 
 // A flat convex primitive with 3 or 4 corners in order, normalised units rounded to float32.
+using Polygon = std::vector<Double3>;  // convex
+// The part of a that b, of the same plane, covers; n: the plane's normal.
+Polygon common_part(const Polygon& a, const Polygon& b, Double3 n);
+
 struct Flat {
     std::array<Double3, 4> v;
     uint32_t corners;

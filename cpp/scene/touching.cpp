@@ -50,8 +50,6 @@ constexpr size_t kMostPairs = size_t{1} << 26;
 // one of float32 where they are numbers of that, as in most files of meshes. These shares of their
 // coordinates are 8,192 and 8 such units. Faces across an axis are exact.
 constexpr double kRoundedCorner = 0x1p-40, kRoundedFile = 0x1p-21;
-// Projections onto two faces in turn, which lead to a point of both.
-constexpr int kSteps = 8;
 // The largest number of bodies near which small faces are looked for, too.
 constexpr size_t kMostBodies = 64;
 // The largest relative difference in size of bodies that count as equal.
@@ -507,19 +505,18 @@ void HostScene::part_touching(const SceneInput& in) {
             if (crosses) crossing.insert(crossing.end(), {own, other});
             return true;
         }
-        // How far `own` lies beyond the other along its own normal.
         const Double3 p = (common.low + common.high) * 0.5;
         const Plane a0 = exact(own), b0 = exact(other);
-        Double3 at = p, seen_at = p;  // of own, of the other; one point if they overlap
-        for (int step = 0; step < kSteps && (step == 0 || length(at - seen_at) > want); ++step) {
-            at = nearest_point(own, a0.n, seen_at - a0.n * a0.over(seen_at));
-            seen_at = nearest_point(other, b0.n, at - b0.n * b0.over(at));
-        }
-        if (length(at - seen_at) > limit + 2 * kMostMoved) {  // side by side
+        const Polygon shared = common_part(outline(in, {own, own, false, 0}),
+                                           outline(in, {other, other, false, 0}), a0.n);
+        if (shared.empty()) {  // side by side
             const std::lock_guard lock(mutex);
             if (crosses) crossing.insert(crossing.end(), {own, other});
             return true;
         }
+        // How far `own` lies beyond the other along its own normal.
+        Double3 at{};
+        for (const Double3 q : shared) at = at + q * (1. / static_cast<double>(shared.size()));
         double beyond = b0.over(at) * turn - a0.over(at);
         const double rounding =
             corner_rounding(in, unit, from, a0.n) + corner_rounding(in, unit, to, b0.n);

@@ -72,6 +72,26 @@ def test_an_even_sky_gives_pi(plugin: str, flat: bool, tmp_path: Path, device: s
     np.testing.assert_allclose(image / [math.pi, math.pi / 2, math.pi / 4], 1, rtol=3e-5)
 
 
+def test_direct_light_of_points_is_left_out() -> None:
+    """No ray meets them: a note says so, and there is none for a sky or a lamp."""
+    shape = {"type": "rectangle", "bsdf": BLACK, "m": meter()}
+    sun = {"type": "directional", "direction": [0, 0, -1]}
+    assert any("without the direct light" in str(n) for n in scene(shape=shape, sun=sun).notes)
+    assert not any("without the direct light" in str(n) for n in scene(shape=shape).notes)
+
+
+def test_what_lies_on_the_sensor_counts(device: str) -> None:
+    """A mask at any distance halves the light of an even sky, turned or not."""
+    mask = {"type": "mask", "opacity": 0.5, "b": {"type": "twosided", "b": BLACK}}
+    for turn in (np.eye(4), TURN):
+        for gap in (0.0, 1e-8, 1e-7, 1e-6, 1e-5):
+            above = vr.transform.translate([0.0, 0.0, gap]) @ vr.transform.scale([1.5, 1.5, 1])
+            shape = {"type": "rectangle", "to_world": turn, "bsdf": BLACK, "m": meter()}
+            cover = {"type": "rectangle", "to_world": turn @ above, "bsdf": mask}
+            image = vr.render(scene(shape=shape, cover=cover), 4096, device=device).image
+            assert image[0, 0, 0] == pytest.approx(math.pi / 2, rel=0.03), gap
+
+
 def test_the_other_side_is_dark(device: str) -> None:
     floor = {"type": "rectangle", "to_world": vr.transform.scale([1e3, 1e3, 1]), "bsdf": BLACK}
     above = vr.transform.translate([0.0, 0.0, 1e-3])

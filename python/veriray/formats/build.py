@@ -296,6 +296,12 @@ class _Builder:
             self.report.note(f"{integrator}: nothing is textured, so uv is not written",
                              integrator.where)  # fmt: skip
         for node, one in zip(sensors, of_each, strict=True):
+            if node.plugin == "irradiancemeter" and arrays["light_kind"] is not None:
+                self.report.note(
+                    f"{node}: without the direct light of points, spots and parallel lights, which "
+                    "no ray meets; nor is it in Mitsuba's",
+                    node.where,
+                )
             if node.plugin == "distant":
                 one[:] = [(self.sensors.far(node, views.ball(arrays)), *one[0][1:])]
         seen_by = [view for one in of_each for view in one]

@@ -558,11 +558,16 @@ void HostScene::part_touching(const SceneInput& in) {
                   });
     std::sort(touches.begin(), touches.end());
     // A face that rests on an opaque one of its direction moves off it, and off what rests there
-    // too. Of others, a move into the body takes precedence over a move off another surface.
-    std::vector<double> move(planar, 0.0);
+    // too, unless a larger opaque body is before it, as a floor below a coat. Of others, a move
+    // into the body takes precedence over a move off another surface.
+    std::vector<double> move(planar, 0.0), rests_on(planar, 0.0), faces(planar, 0.0);
     std::vector<bool> inward(planar, false), rests(planar, false);
-    for (const Touch& t : touches)
-        if (t.rests && !t.far) rests[t.own] = true;
+    for (const Touch& t : touches) {
+        if (t.far || is_clear(t.other) || (t.out && !t.rests)) continue;
+        double& size = (t.rests ? rests_on : faces)[t.own];
+        size = std::max(size, size_of_body(t.other));
+    }
+    for (uint32_t i = 0; i < planar; ++i) rests[i] = rests_on[i] > 0 && rests_on[i] >= faces[i];
     for (const Touch& t : touches)
         if (!t.out && !t.far && !rests[t.own]) inward[t.own] = true;
     // So does one off an opaque ball below the face, as a planet, where the face would move out.

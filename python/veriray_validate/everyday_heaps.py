@@ -81,6 +81,8 @@ def heap(rng: np.random.Generator) -> Question:
         for _ in range(int(rng.integers(3)))
     )
     bodies = tuple(map(str, rng.choice(BODIES, int(rng.integers(not sheets, 4)))))
+    if bodies and rng.random() < 0.3:
+        bodies = (*bodies[:-1], "diffuse")
     count = len(sheets) + len(bodies)
     many = rng.random() < 0.1  # more pairs of faces than are looked at
     single = bool(rng.random() < 0.5)

@@ -63,20 +63,15 @@ void HostScene::set_meter(const SceneInput& in) {
         for (uint32_t i = 0; i < view.first_sphere; ++i) {
             const PrimitiveSource& s = sources[i];
             if ((s.group == kDiskGroup) != (kind_of(k) == PatchKind::kDisk)) continue;
-            bool fits = true;
-            for (uint32_t c = 0; c < 3; ++c) {
-                const Double3 p = s.group == kDiskGroup
-                                      ? row3(in.disks, 3 * s.row + c)
-                                      : row3(in.vertices, in.triangles.data[3 * s.row + c]);
-                fits = fits &&
-                       (s.group == kDiskGroup
-                            ? same(p, c == 0   ? o
-                                      : c == 1 ? a
-                                               : b)
-                            : same(p, o) || same(p, o + a) || same(p, o + b) ||
-                                  (kind_of(k) == PatchKind::kParallelogram && same(p, o + a + b)));
-            }
-            if (fits) return i;
+            const auto axis = [&](uint32_t c) { return row3(in.disks, 3 * s.row + c); };
+            const auto is_corner = [&](uint32_t c) {
+                const Double3 p = row3(in.vertices, in.triangles.data[3 * s.row + c]);
+                return same(p, o) || same(p, o + a) || same(p, o + b) ||
+                       (kind_of(k) == PatchKind::kParallelogram && same(p, o + a + b));
+            };
+            if (s.group == kDiskGroup ? same(axis(0), o) && same(axis(1), a) && same(axis(2), b)
+                                      : is_corner(0) && is_corner(1) && is_corner(2))
+                return i;
         }
         return {};
     };

@@ -72,7 +72,7 @@ struct Touch {
     bool out;             // own must lie beyond the other along its own normal, else before it
     bool rests;           // own lies on an opaque face of its direction
     bool above;           // own lies over another of its direction that lets light through
-    bool far;             // farther than that, unless one of them is moved
+    bool far;             // they do not touch, unless one of them is moved
     bool crosses;         // rays that leave one by its offset may pass the other
     double apart;         // the distance by which it does now
     double want;
@@ -462,14 +462,6 @@ void HostScene::part_touching(const SceneInput& in) {
         return std::abs(more) > kSameSize * size_of_body(a) ? more > 0 : a < b;
     };
     const bool flat = records.empty();
-    const auto nearest_point = [&](uint32_t i, Double3 n, Double3 p) {  // p: in the plane
-        const uint32_t row = sources[i].row;
-        if (sources[i].group != kDiskGroup)
-            return nearest_on(flat ? flats_[i] : triangle(in, row), n, p);
-        const auto row_of = [&](uint32_t k) { return row3(in.disks, 3 * row + k); };
-        return nearest_on_disk((row_of(0) - centre) * (1 / unit), row_of(1) * (1 / unit),
-                               row_of(2) * (1 / unit), p);
-    };
     std::vector<Touch> touches;
     std::vector<uint32_t> crossing;
     std::mutex mutex;
@@ -493,27 +485,23 @@ void HostScene::part_touching(const SceneInput& in) {
         const auto [least, most] = heights(common, g, b.w - a.w * turn);
         const bool parallel = !(length(g) > kParallel);
         const double limit = 2 * want + coarse;
-        // No closer than their rounding here, but than that at their corners: a ray that leaves one
-        // by its offset may pass the other.
+        // They meet along a line, and a ray from a point near it leaves one and not the other; or
+        // they are closer than the rounding at their corners, if not than that here, and a ray that
+        // leaves one by its offset may pass the other.
         const double leap = std::max(column(own, kPrimOffset), column(other, kPrimOffset));
-        const bool facing = turn < 0 && parallel;
-        // Or they meet only along a line: a ray from a point near it leaves one and not the other.
-        const bool crosses =
-            !(length(g) > kAcross || least > std::max(limit, leap) || (same && !facing));
-        if (!parallel || most > limit + (other_clear ? kMostMoved : 0)) {
+        const bool crosses = !(length(g) > kAcross || least > std::max(limit, leap) ||
+                               (same && !(turn < 0 && parallel)));
+        const auto apart = [&] {
             const std::lock_guard lock(mutex);
             if (crosses) crossing.insert(crossing.end(), {own, other});
             return true;
-        }
+        };
+        if (!parallel || most > limit + (other_clear ? kMostMoved : 0)) return apart();
         const Double3 p = (common.low + common.high) * 0.5;
         const Plane a0 = exact(own), b0 = exact(other);
         const Polygon shared = common_part(outline(in, {own, own, false, 0}),
                                            outline(in, {other, other, false, 0}), a0.n);
-        if (shared.empty()) {  // side by side
-            const std::lock_guard lock(mutex);
-            if (crosses) crossing.insert(crossing.end(), {own, other});
-            return true;
-        }
+        if (shared.empty()) return apart();  // side by side
         // How far `own` lies beyond the other along its own normal.
         Double3 at{};
         for (const Double3 q : shared) at = at + q * (1. / static_cast<double>(shared.size()));
@@ -536,11 +524,9 @@ void HostScene::part_touching(const SceneInput& in) {
                       (terms(box_around(in, other), b.n) + extent + shadow_length(extent));
         const double slope = heights(common, g, -dot(g, p)).second;
         t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
+        if (t.far && t.apart < t.want) return apart();
         const std::lock_guard lock(mutex);
-        if (!t.far || t.apart >= t.want)
-            touches.push_back(t);
-        else if (crosses)
-            crossing.insert(crossing.end(), {own, other});
+        touches.push_back(t);
         return true;
     };
     const auto around_faces = [&](const std::vector<uint32_t>& faces) {
@@ -570,6 +556,14 @@ void HostScene::part_touching(const SceneInput& in) {
     for (uint32_t i = 0; i < planar; ++i) rests[i] = rests_on[i] > 0 && rests_on[i] >= faces[i];
     for (const Touch& t : touches)
         if (!t.out && !t.far && !rests[t.own]) inward[t.own] = true;
+    const auto nearest_point = [&](uint32_t i, Double3 n, Double3 p) {  // p: in the plane
+        const uint32_t row = sources[i].row;
+        if (sources[i].group != kDiskGroup)
+            return nearest_on(flat ? flats_[i] : triangle(in, row), n, p);
+        const auto row_of = [&](uint32_t k) { return row3(in.disks, 3 * row + k); };
+        return nearest_on_disk((row_of(0) - centre) * (1 / unit), row_of(1) * (1 / unit),
+                               row_of(2) * (1 / unit), p);
+    };
     // So does one off an opaque ball below the face, as a planet, where the face would move out.
     std::vector<uint32_t> outward;
     for (const Touch& t : touches)

@@ -199,12 +199,17 @@ WAYS = ("stands", "leans", "sunk", "flush", "inside")
 GAPS = (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 
 
+def decades(rng: np.random.Generator, low: float, high: float) -> float:
+    """10 to a random power between `low` and `high`, rounded to three digits."""
+    return float(f"{10 ** rng.uniform(low, high):.3g}")
+
+
 def a_gap(rng: np.random.Generator, most: float = 1e-3, least: float = 0.0) -> float:
     """One of `GAPS` in half of the draws, else any down to 1e-9: of bounds on rounding that tell
     what is close, one may hold and another not."""
     if rng.random() < 0.5:
         return float(rng.choice([g for g in GAPS if least <= g <= most]))
-    return float(f"{10 ** rng.uniform(math.log10(max(least, 1e-9)), math.log10(most)):.3g}")
+    return decades(rng, math.log10(max(least, 1e-9)), math.log10(most))
 
 
 def gridded(lo: Any, hi: Any, n: int, **more: Any) -> Part:

@@ -13,8 +13,8 @@ import trimesh
 from trimesh.transformations import random_rotation_matrix
 
 from veriray_validate import dicts
-from veriray_validate.everyday import Question, gridded, moved
-from veriray_validate.everyday_scale import chosen, decades, framed, square
+from veriray_validate.everyday import Question, decades, gridded, moved
+from veriray_validate.everyday_scale import chosen, framed, square
 from veriray_validate.fresnel import fresnel
 from veriray_validate.scenes import NULL, Medium, Part, camera, disk, make, material, quad, sphere
 

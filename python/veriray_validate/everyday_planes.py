@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from veriray_validate.everyday import Question, gridded, moved
+from veriray_validate.everyday import Question, decades, gridded, moved
 from veriray_validate.everyday_bodies import mesh
-from veriray_validate.everyday_scale import chosen, decades
+from veriray_validate.everyday_scale import chosen
 from veriray_validate.scenes import Part, camera, disk, make, material, quad, sphere
 
 

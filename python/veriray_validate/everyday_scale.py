@@ -15,7 +15,7 @@ import numpy.typing as npt
 from trimesh.transformations import random_rotation_matrix
 
 from veriray.scene import Scene
-from veriray_validate.everyday import LOSSY, Question, a_gap, gridded, moved
+from veriray_validate.everyday import LOSSY, Question, a_gap, decades, gridded, moved
 from veriray_validate.form_factors import rectangle_above_corner
 from veriray_validate.scenes import (
     MIRROR,
@@ -39,11 +39,6 @@ Generator = Callable[[np.random.Generator], Question]
 FAR = 5.0  # decades from a lamp's height, a fog, a body to eyes, grounds and hidden things
 EYE = 5.0  # the same of the eye alone, where a place that it sees lies close to a lamp
 REACH = 1e9  # free paths between an eye and a fog
-
-
-def decades(rng: np.random.Generator, low: float, high: float) -> float:
-    """10 to a random power between `low` and `high`, rounded to three digits."""
-    return float(f"{10 ** rng.uniform(low, high):.3g}")
 
 
 def chosen(rng: np.random.Generator, values: Sequence[Any]) -> Any:

@@ -195,7 +195,7 @@ LostLightTable lost_light(double alpha, bool ggx, bool correlated, double eta) {
 }
 
 double mean_reflectance(double eta, double k) {
-    const Rule rule(64);
+    static const Rule rule(64);
     const double e2 = eta * eta, k2 = k * k;
     double sum = 0;
     for (size_t i = 0; i < rule.x.size(); ++i) {  // as fresnel_conductor
@@ -210,7 +210,7 @@ double mean_reflectance(double eta, double k) {
 }
 
 double mean_reflectance(double eta) {
-    const Rule rule(64);
+    static const Rule rule(64);
     double sum = 0;
     for (size_t i = 0; i < rule.x.size(); ++i)
         sum += rule.w[i] * 2 * rule.x[i] * split(rule.x[i], eta).reflected;

@@ -5,12 +5,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 
 #include "core/math.h"
 #include "scene/bounds.h"
 #include "scene/cubes.h"
 #include "scene/intervals.h"
+#include "scene/kept.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {
@@ -298,24 +298,6 @@ std::vector<double> key_of(const SceneInput& in, const Box& box, const PatchLigh
     return key;
 }
 
-// make(), or what it gave last if that was for this key. Never waits: a process that was forked may
-// find the lock taken for good.
-template <class Make>
-SkyOpenings recent(std::vector<double> key, Make make) {
-    static std::mutex mutex;
-    static std::vector<double> last_key;
-    static SkyOpenings last;
-    if (key.empty()) return make();
-    {
-        const std::unique_lock lock(mutex, std::try_to_lock);
-        if (lock && key == last_key) return last;
-    }
-    SkyOpenings made = make();
-    if (const std::unique_lock lock(mutex, std::try_to_lock); lock)
-        last_key = std::move(key), last = made;
-    return made;
-}
-
 uint32_t patch_bits(uint32_t cells, uint32_t most) {
     uint32_t bits = 0;
     while ((cells + (1u << bits) - 1) >> bits > most) ++bits;
@@ -353,7 +335,11 @@ SkyOpenings sky_openings(const SceneInput& in, const SkyImage& sky, const SceneB
     if (patches.count() < kFewestPatches || !(length(box.high - box.low) > 0)) return {};
     const PatchLight light(sky, patches);
     if (!(*std::max_element(light.power.begin(), light.power.end()) > 0)) return {};
-    return recent(key_of(in, box, light), [&] { return look_around(in, patches, light, box); });
+    const auto make = [&] { return look_around(in, patches, light, box); };
+    // threads may outlive static objects
+    static auto& kept = *new Kept<std::vector<double>, SkyOpenings>(1);
+    const std::vector<double> key = key_of(in, box, light);
+    return key.empty() ? make() : kept(key, make);
 }
 
 std::vector<double> guided_weights(const SkyOpenings& o, const SkyPatches& patches, size_t place,

@@ -5,6 +5,7 @@
 #include <tuple>
 
 #include "bsdfs/rough_coat.h"
+#include "scene/kept.h"
 #include "scene/lost_light.h"
 #include "scene/scene.h"
 #include "scene/thread_pool.h"
@@ -59,6 +60,15 @@ RoughCoat rough_coat(float eta, float alpha, bool ggx, bool correlated, bool smo
     for (const double one : sent) sum += one;
     coat.inside = sum / (kCoatCells + 1);
     return coat;
+}
+
+// make(arguments...), made once for all scenes; one store per signature.
+template <class Value, class... Arguments>
+Value once_for(Value make(Arguments...), Arguments... arguments) {
+    constexpr size_t kMost = 4096;  // a few kB each
+    using Key = std::tuple<Value (*)(Arguments...), Arguments...>;
+    static auto& kept = *new Kept<Key, Value>(kMost);  // threads may outlive static objects
+    return kept(Key{make, arguments...}, [&] { return make(arguments...); });
 }
 
 }  // namespace
@@ -122,8 +132,6 @@ void HostScene::set_surfaces(const SceneInput& in) {
         columns = std::max(columns,
                            size_t{closure_traits(in.material_kind.data[std::get<0>(row)]).table});
     surfaces.assign((kSurfaceColumns + columns) * view.surface_stride, 0.f);
-    std::map<std::tuple<float, float, bool, bool, bool>, RoughCoat> made;  // by arguments
-    std::map<std::tuple<float, double, bool, bool>, LostLightTable> lost;  // likewise
     for (size_t r = 0; r < rows.size(); ++r) {
         const auto [m, emission, boundary] = rows[r];
         const auto put = [&](uint32_t c, float x) {
@@ -151,13 +159,12 @@ void HostScene::set_surfaces(const SceneInput& in) {
             double inside;
             if (closure.table) {
                 const float index = in.eta.data[3 * m], alpha = in.alpha_u.data[m];
-                const auto [at, fresh] = made.try_emplace({index, alpha, ggx, correlated, once});
-                if (fresh) at->second = rough_coat(index, alpha, ggx, correlated, once);
+                const RoughCoat coat = once_for(rough_coat, index, alpha, ggx, correlated, once);
                 for (uint32_t k = 0; k <= kCoatCells; ++k)
-                    put(kSurfaceColumns + k, at->second.transmittance[k]);
-                inside = at->second.inside;
+                    put(kSurfaceColumns + k, coat.transmittance[k]);
+                inside = coat.inside;
             } else {
-                inside = diffuse_reflectance_inside(eta);
+                inside = once_for(diffuse_reflectance_inside, eta);
             }
             if (once) inside = 0;
             const double squared = once ? 1 : eta * eta;
@@ -179,13 +186,11 @@ void HostScene::set_surfaces(const SceneInput& in) {
             };
             // The light lost at each cosine for one side; returns its mean.
             const auto put_lost = [&, m = m](uint32_t first, double eta) {  // as Clang 14 wants it
-                const auto [at, fresh] =
-                    lost.try_emplace({in.alpha_u.data[m], eta, ggx, correlated});
-                if (fresh)
-                    at->second = lost_light(double{in.alpha_u.data[m]}, ggx, correlated, eta);
+                const LostLightTable table =
+                    once_for(lost_light, double{in.alpha_u.data[m]}, ggx, correlated, eta);
                 for (uint32_t k = 0; k <= kLostCells; ++k)
-                    put_own(first + k, double{at->second.at_cosine[k]});
-                return at->second.mean;
+                    put_own(first + k, double{table.at_cosine[k]});
+                return table.mean;
             };
             const float *eta = in.eta.data + 3 * m, *absorbed = in.k.data + 3 * m;
             if (kMetalKinds >> kind & 1u) {

@@ -284,6 +284,7 @@ class HostScene : public Frame {
     bool lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     std::vector<uint32_t> largest_faces(const SceneInput& in, size_t planar, size_t count) const;
     void part_touching(const SceneInput& in);
+    bool part_faces(const SceneInput& in, double most_moved);
     void part_concentric(const SceneInput& in);
     float* plane_record(uint32_t primitive);
     void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);

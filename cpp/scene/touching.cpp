@@ -26,8 +26,10 @@ namespace {
 // are seen, since each plane's distance along a ray is off by 2^-23 of the terms of the ray's
 // origin.
 constexpr double kParted = 0x1p-20;
-// The largest move of a plane; triangles then stay within their boxes.
-constexpr double kMostMoved = 0.75 * static_cast<double>(kMovedSlack);
+// The largest move of a plane; triangles then stay within their boxes, which are widened by that
+// over kOfSlack. Where five surfaces or more lie in one plane it may be kDeepest times as large.
+constexpr double kOfSlack = 0.75, kMostMoved = kOfSlack * static_cast<double>(kMovedSlack);
+constexpr double kDeepest = 8;
 static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
 // The least terms that count. On an axis-parallel plane through the origin they vanish, but
 // rounding takes points off it by up to 2^-22, and paths leave it by an offset in proportion to
@@ -389,13 +391,17 @@ void HostScene::part_concentric(const SceneInput& in) {
 }
 
 void HostScene::part_touching(const SceneInput& in) {
-    const size_t planar = view.first_sphere;
     bool any = in.boundaries.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
     const int32_t* emission = in.sphere_emission.data;
     if (any || std::any_of(emission, emission + in.spheres.count, [](int32_t e) { return e >= 0; }))
         part_concentric(in);
-    if (!any) return;
+    if (any && !part_faces(in, kMostMoved)) part_faces(in, kDeepest * kMostMoved);
+}
+
+// Moves faces by no more than that; false, and none is moved, if kMostMoved is too little.
+bool HostScene::part_faces(const SceneInput& in, double most_moved) {
+    const size_t planar = view.first_sphere;
     const auto is_clear = [&](uint32_t i) {
         return lets_through(in, sources[i].group, sources[i].row);
     };
@@ -407,7 +413,7 @@ void HostScene::part_touching(const SceneInput& in) {
     std::vector<uint32_t> clear;
     for (uint32_t i = 0; i < planar; ++i)
         if (is_clear(i)) clear.push_back(i);
-    if (clear.empty()) return;
+    if (clear.empty()) return true;
     const auto column = [&](uint32_t i, uint32_t c) -> float& {
         return primitives[static_cast<size_t>(i) * view.primitive_row +
                           static_cast<size_t>(c) * view.primitive_column];
@@ -462,6 +468,7 @@ void HostScene::part_touching(const SceneInput& in) {
         return std::abs(more) > kSameSize * size_of_body(a) ? more > 0 : a < b;
     };
     const bool flat = records.empty();
+    const double further = most_moved - kMostMoved;  // what moved faces may come to
     std::vector<Touch> touches;
     std::vector<uint32_t> crossing;
     std::mutex mutex;
@@ -469,7 +476,8 @@ void HostScene::part_touching(const SceneInput& in) {
         Box common;
         const bool other_clear = is_clear(other);
         const double coarse = flat && !other_clear ? kCoarse : 0;
-        if (own == other || !overlap(box_around(in, own), box_around(in, other), coarse, common))
+        if (own == other ||
+            !overlap(box_around(in, own), box_around(in, other), coarse + further, common))
             return true;
         const Plane a = rounded_plane(own), b = rounded_plane(other);
         const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
@@ -496,7 +504,7 @@ void HostScene::part_touching(const SceneInput& in) {
             if (crosses) crossing.insert(crossing.end(), {own, other});
             return true;
         };
-        if (!parallel || most > limit + (other_clear ? kMostMoved : 0)) return apart();
+        if (!parallel || most > limit + (other_clear ? most_moved : 0)) return apart();
         const Double3 p = (common.low + common.high) * 0.5;
         const Plane a0 = exact(own), b0 = exact(other);
         const Polygon shared = common_part(outline(in, {own, own, false, 0}),
@@ -530,7 +538,9 @@ void HostScene::part_touching(const SceneInput& in) {
         return true;
     };
     const auto around_faces = [&](const std::vector<uint32_t>& faces) {
-        return [&](size_t i) { return widened(box_around(in, faces[i]), flat ? kCoarse : 0); };
+        return [&](size_t i) {
+            return widened(box_around(in, faces[i]), (flat ? kCoarse : 0) + further);
+        };
     };
     const auto boxes_of = [&](const std::vector<uint32_t>& faces) {
         return [&](size_t k) { return box_around(in, faces[k]); };
@@ -589,22 +599,33 @@ void HostScene::part_touching(const SceneInput& in) {
             if (length(nearest - foot) > kOnBall * length(c - nearest)) return true;
             const std::lock_guard lock(mutex);
             inward[own] = true, rests[own] = false;
-            move[own] = std::max(std::min(move[own], apart - want), -kMostMoved);
+            move[own] = std::max(std::min(move[own], apart - want), -most_moved);
             return true;
         });
-    bool changed = true;
-    for (int round = 0; changed && round < kMostLayers; ++round) {
-        changed = false;
-        for (const Touch& t : touches) {
-            if (t.above ? !rests[t.own] : t.out ? inward[t.own] : rests[t.own]) continue;
-            const double sign = t.out ? 1 : -1;
-            const double apart = t.apart + sign * (move[t.own] - t.turn * move[t.other]);
-            if (apart >= t.want * (1 - 1e-6)) continue;
-            const double by =
-                std::clamp(move[t.own] + sign * (t.want - apart), -kMostMoved, kMostMoved);
-            changed = changed || by != move[t.own];
-            move[t.own] = by;
+    // Moves that respect all touches, if none of them is above a limit.
+    const std::vector<double> off_balls = move;
+    const auto resolve = [&](double most) {
+        bool changed = true, cut = false;
+        move = off_balls;
+        for (int round = 0; changed && round < kMostLayers; ++round) {
+            changed = false;
+            for (const Touch& t : touches) {
+                if (t.above ? !rests[t.own] : t.out ? inward[t.own] : rests[t.own]) continue;
+                const double sign = t.out ? 1 : -1;
+                const double apart = t.apart + sign * (move[t.own] - t.turn * move[t.other]);
+                if (apart >= t.want * (1 - 1e-6)) continue;
+                const double all = move[t.own] + sign * (t.want - apart);
+                const double by = std::clamp(all, -most, most);
+                cut = cut || by != all;
+                changed = changed || by != move[t.own];
+                move[t.own] = by;
+            }
         }
+        return !cut;
+    };
+    if (!resolve(most_moved)) {
+        if (further == 0) return false;
+        resolve(kMostMoved);  // they cannot all be respected
     }
     for (const Touch& t : touches)
         if (!t.far || t.crosses || move[t.own] != 0 || move[t.other] != 0)
@@ -622,11 +643,12 @@ void HostScene::part_touching(const SceneInput& in) {
     }
     for (const uint32_t i : clear) {
         if (move[i] == 0) continue;
-        slab_slack = kMovedSlack;
+        slab_slack = static_cast<float>(most_moved / kOfSlack);
         const float w = static_cast<float>(rounded_plane(i).w - move[i]);
         column(i, kPrimPlane) = -w;
         plane_record(i)[3] = w;
     }
+    return true;
 }
 
 }  // namespace veriray

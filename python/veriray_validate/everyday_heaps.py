@@ -70,23 +70,28 @@ class Heap:
 
 
 def heap(rng: np.random.Generator) -> Question:
-    """Up to two sheets and up to three bodies on them: each gap is one of its own, most are none.
+    """Up to two sheets and up to three bodies on them; in one of five scenes, six of either.
 
-    The picture is that with gaps of 1e-4, undivided and unturned: through the slits, 4 x 0.6 x 1e-4
-    over 0.36, less than 1e-3 of the light goes.
+    Each gap is one of its own; most are none.
+
+    The picture is that with gaps of 1e-4 (of tall heaps 1e-5), undivided and unturned: through the
+    slits, 4 x 0.6 x 1e-4 over 0.36, less than 1e-3 of the light goes.
     """
     kind = str(rng.choice(list(SHEETS)))  # in one place either may be above
+    tall = rng.random() < 0.2
     sheets = tuple(
         (kind, float(rng.uniform(0.5, 0.9)), bool(rng.random() < 0.5))
-        for _ in range(int(rng.integers(3)))
+        for _ in range(int(rng.integers(7 if tall else 3)))
     )
-    bodies = tuple(map(str, rng.choice(BODIES, int(rng.integers(not sheets, 4)))))
+    bodies = tuple(map(str, rng.choice(BODIES, int(rng.integers(not sheets, 7 if tall else 4)))))
     if bodies and rng.random() < 0.3:
         bodies = (*bodies[:-1], "diffuse")
     count = len(sheets) + len(bodies)
     many = rng.random() < 0.1  # more pairs of faces than are looked at
     single = bool(rng.random() < 0.5)
-    gaps = [a_gap(rng, 3e-6) if rng.random() < 0.5 else 0.0 for _ in range(count)]
+    gaps = [
+        a_gap(rng, 3e-6) if rng.random() < (0.1 if tall else 0.5) else 0.0 for _ in range(count)
+    ]
     x = Heap(
         sheets, bodies, float(rng.uniform(0.3, 0.45)), float(rng.uniform(0.1, 0.4)),
         tuple(0.0 if single and g < FLOAT32 else g for g in gaps),
@@ -95,5 +100,6 @@ def heap(rng: np.random.Generator) -> Question:
         (float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0.6, 1.5))),
         tuple(rng.random(3)) if rng.random() < 0.7 else None, single,
     )  # fmt: skip
-    other = replace(x, gaps=(LIFTED,) * count, cells=(1,) * (count + 1), turn=None, single=False)
+    lifted = LIFTED / 10 if tall else LIFTED
+    other = replace(x, gaps=(lifted,) * count, cells=(1,) * (count + 1), turn=None, single=False)
     return Question(str(x), x.scene(), other.scene(), 1e-3, None, 0.05, ends=False)

@@ -494,6 +494,8 @@ _REPAIRED = (  # bugs that veriray had
            "single ? kRoundedFile : kRoundedCorner", "kRoundedCorner"),
     Mutant("small faces of large meshes never touch", "scene/touching.cpp",
            "by_clear && !is_large[i]", "false"),
+    Mutant("many layers in one plane moved as few", "scene/touching.cpp",
+           "part_faces(in, kDeepest * kMostMoved)", "part_faces(in, 1.0001 * kMostMoved)"),
     Mutant("faces pushed into balls that they stand on", "scene/touching.cpp",
            "height <= 0 || apart > 2 * want", "true"),
     Mutant("faces taken off balls near the boxes around them", "scene/touching.cpp",

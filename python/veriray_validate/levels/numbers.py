@@ -533,17 +533,17 @@ def check_same_bits(t: Trial, name: str, chunk: Callable[[int, int], Array], tot
     t.figure("devices", list(modules))
 
 
-@case(1, each={"name": [*WIDE, *MANY], "bits": [20, 26]}, once=True,
-      quick=lambda name, bits: bits < 26)  # fmt: skip
+@case(1, each={"name": [*WIDE, *MANY], "bits": [20, 24]}, once=True,
+      quick=lambda name, bits: bits < 24)  # fmt: skip
 def same_bits(t: Trial, name: str, bits: int) -> None:
     """A function has the same bits on all devices, in scalar and in vector lanes.
 
-    Random arguments over the whole domain, corners among them: 2^20, in a full run 2^26 (mappings:
-    2^24). A CPU module compares its own lane widths.
+    Random arguments over the whole domain, corners among them: 2^20, in a full run 2^24 (mappings:
+    2^22). A CPU module compares its own lane widths.
     """
     many = name in MANY
     arguments = (MANY if many else WIDE)[name]
-    check_same_bits(t, name, lambda _, n: arguments(t.rng, n), 2 ** min(bits, 24 if many else 26))
+    check_same_bits(t, name, lambda _, n: arguments(t.rng, n), 2 ** min(bits, 22 if many else 24))
 
 
 @case(1, each={"name": UNIT_ONLY, "step": [61, 1]}, once=True, quick=lambda name, step: step > 1)

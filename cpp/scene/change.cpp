@@ -3,6 +3,8 @@
 #include <cstring>
 
 #include "scene/bounds.h"
+#include "scene/sharp.h"
+#include "scene/sky_guide.h"
 
 namespace veriray {
 namespace {
@@ -76,7 +78,8 @@ bool alike(const SceneInput& a, const SceneInput& b) {
 // in whether light goes through them, and on emissions in whether they shine. Tables made anew must
 // ask for the same features: else later ones might depend on them.
 bool HostScene::change(const SceneInput& was, const SceneInput& in, bool rough) {
-    const uint32_t changed = changed_stages(was, in);
+    uint32_t changed = changed_stages(was, in);
+    if (changed & kOnSurfaces && any_sharp(was) != any_sharp(in)) changed |= kOnLights;
     if (!bounds_ || changed & kOnAll || in.camera_medium != was.camera_medium ||
         in.hides_light != was.hides_light)
         return false;
@@ -98,6 +101,7 @@ bool HostScene::change(const SceneInput& was, const SceneInput& in, bool rough) 
     if (changed & kOnMedia && !again(kMediumStage)) return false;
     if (changed & kOnLights) {
         const Table<float> chance = light_chance;
+        if (!SkyImage(was).texels != !SkyImage(in).texels) openings_.reset();
         view.lights = {};
         if (!again(kLightStage)) return false;
         if (light_chance.rows() == chance.rows())  // as if one lamp shines more: by primitive

@@ -5,6 +5,7 @@
 #include "scene/box_pairs.h"
 #include "scene/light_texture.h"
 #include "scene/light_tree.h"
+#include "scene/sharp.h"
 #include "scene/sky_guide.h"
 
 namespace veriray {
@@ -135,11 +136,10 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     return brightest;
 }
 
-// Whether a rough surface may send on parallel light with more than 2^20 times its irradiance. With
-// mirrors of roughness alpha that is alpha^-2 / (4 pi cosine) straight back, and falls again for
-// cosines below alpha: at most alpha^-3 / (4 pi). Refraction turns by a share of about |eta - 1| of
-// what the mirror does, so what goes through is that much sharper.
-static bool any_sharp(const SceneInput& in) {
+// With mirrors of roughness alpha that is alpha^-2 / (4 pi cosine) straight back, and falls again
+// for cosines below alpha: at most alpha^-3 / (4 pi). Refraction turns by a share of about |eta -
+// 1| of what the mirror does, so what goes through is that much sharper.
+bool any_sharp(const SceneInput& in) {
     constexpr float kAlpha = 0x1p-7f, kRoughness = 0.088f;  // its square is alpha
     for (size_t m = 0; m < in.material_kind.count; ++m) {
         const uint32_t kind = in.material_kind.data[m];

@@ -122,7 +122,8 @@ Double3 sky_direction(const SkyPatches& p, const Double3 (&axes)[3], double colu
            axes[2] * -double{sine * along};
 }
 
-// By patch, its power and kPoints directions drawn in proportion to it.
+// By patch, its power (the same for all skies of one colour) and kPoints directions drawn in
+// proportion to it.
 struct PatchLight {
     std::vector<double> power;
     std::vector<Way> ways;
@@ -147,7 +148,7 @@ struct PatchLight {
         const auto each = [&](auto visit) {
             for (uint32_t j = patches.first_row(r); j < patches.first_row(r + 1); ++j)
                 for (uint32_t i = patches.first_column(c); i < patches.first_column(c + 1); ++i)
-                    visit(i, j, sky.light(i, j) * sine[j]);
+                    visit(i, j, (sky.even() ? 1 : sky.light(i, j)) * sine[j]);
         };
         double all = 0, sum = 0;
         each([&](uint32_t, uint32_t, double light) { all += light; });

@@ -49,6 +49,7 @@ struct SkyImage {
     SkyImage(const SkyImage&) = delete;
     SkyImage& operator=(const SkyImage&) = delete;
 
+    bool even() const { return !even_.empty(); }
     uint32_t cell_rows() const { return std::max(rows, 3u) - 1; }
     // That are worth their start for loops over the image.
     uint32_t threads() const {

@@ -12,6 +12,7 @@ is that of `veriray.render` with N samples (see `veriray.sampling` for `target_e
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 import warnings
@@ -366,7 +367,7 @@ class Accumulation:
             means = self._means[: kept.spp // self._batch].copy()
         return Checkpoint(
             render=self._identity(), first=self._first, spp=kept.spp, paths=kept.paths,
-            report=kept.report, film=states[0], groups=states[1], tail=states[2],
+            report=copy.deepcopy(kept.report), film=states[0], groups=states[1], tail=states[2],
             tiles=kept.tiles, beyond=kept.beyond, means=means, machine=self._crew.machine,
         )  # fmt: skip
 
@@ -440,7 +441,7 @@ class Accumulation:
             error = float(picture.mean_stderr)
             complete = kept.tiles is not None and not self.left
             stats = {
-                **self._crew.facts,
+                **copy.deepcopy(self._crew.facts),
                 **statistics(report, kept.paths),
                 **settings.kept(),
                 **self._crew.stats(kept.films),
@@ -474,7 +475,7 @@ class Accumulation:
         """Means of the batches that are complete, if there are at least two."""
         if self._means is None or (count := self._kept.spp // self._batch) < 2:
             return None
-        return self._means if count == len(self._means) else self._means[:count].copy()
+        return self._means[:count].copy()
 
 
 def _crew(

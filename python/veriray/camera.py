@@ -22,6 +22,7 @@ from .numeric import (
     choice,
     in_range,
     number,
+    restore,
     tan_half_degrees,
     view_angle,
     whole,
@@ -167,6 +168,8 @@ class Camera:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    __setstate__ = restore
 
     @property
     def measures(self) -> bool:

@@ -206,8 +206,8 @@ class _Seen:
         """(H, W) primitives of the scene, -1 for nothing."""
         if "_found" not in self.__dict__:
             seen = _joined(self._parts, "image")[..., 0].astype(np.int64) - 1
-            primitive = self._input_index[np.maximum(seen, 0)].astype(np.int64)
-            primitive[seen < 0] = -1
+            met, primitive = seen >= 0, np.full(seen.shape, -1)
+            primitive[met] = self._input_index[seen[met]]
             primitive = _halves(self._scene, self._input_index, primitive)
             self.__dict__.setdefault("_found", primitive)
         found: Array = self.__dict__["_found"]

@@ -113,6 +113,14 @@ def repeated(value: Any, shape: tuple[int, ...], dtype: Any) -> Array:
     return result
 
 
+def restore(owner: Any, state: dict[str, Any]) -> None:
+    """Gives an object its pickled or deeply copied state; NumPy made the arrays writeable."""
+    for value in state.values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    owner.__dict__.update(state)
+
+
 def distinct(values: Array) -> Array:
     """The first row alone of an array that `repeated` made of some rows, else the array."""
     return values[:1] if values.ndim and len(values) and not any(values.strides) else values

@@ -33,6 +33,7 @@ from .numeric import (
     number,
     path_text,
     repeated,
+    restore,
     shown,
     switch,
     texts,
@@ -147,6 +148,8 @@ class Scene(SceneArrays):
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in _DERIVED}
+
+    __setstate__ = restore
 
     def __repr__(self) -> str:
         return showing.scene_text(self)

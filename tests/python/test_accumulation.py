@@ -94,6 +94,22 @@ def test_pictures_stay_as_they_are() -> None:
         assert picture.image.tobytes() == image.tobytes()
 
 
+def test_what_is_written_to_a_picture_stays_there() -> None:
+    work = Accumulation(vr.cornell_box(), batches=2, spp=8, device="cpu", **SIZE)
+    for _ in range(2):
+        work.add(4)
+    before, spoiled = work.render(), work.render()
+    assert spoiled.batch_means is not None
+    spoiled.batch_means[...] = 0
+    spoiled.stats["features"].clear()
+    kept = work.checkpoint()
+    kept.report["ledger"][...] = 0
+    after = work.render()
+    assert np.array_equal(after.batch_means, before.batch_means)
+    for name in ("features", "live_rays"):
+        assert after.stats[name] == before.stats[name] != []
+
+
 def test_batches() -> None:
     whole = vr.render(vr.cornell_box(), 12, device="cpu", batches=4, **SIZE)
     work = accumulated([], spp=12, batches=4)

@@ -557,6 +557,16 @@ def test_names_that_are_refused(names: Any, message: str) -> None:
         vr.feature_images(vr.cornell_box(), names)
 
 
+def test_numbers_of_a_scene_without_surfaces() -> None:
+    parts = {"sky": {"type": "constant"}, "eye": {"type": "perspective", "fov": 40}}
+    empty = vr.load_dict({"type": "scene", **parts})
+    made = vr.render(
+        empty, features=["object", "primitive", "material"], device="cpu", spp=1, width=4, height=4
+    )
+    for name, picture in made.features.items():
+        assert not np.asarray(picture).any(), name
+
+
 def test_what_a_render_refuses() -> None:
     scene = vr.cornell_box()
     patch = [[0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import pickle
 import time
 from typing import Any
 
@@ -15,7 +16,8 @@ from veriray import native_scene
 from veriray.camera import Camera
 from veriray.device import select
 from veriray.scene import Scene
-from veriray_validate.scenes import Medium, Part, make, material, point_light
+from veriray_validate.everyday_heaps import tiled
+from veriray_validate.scenes import Medium, Part, directional_light, make, material, point_light
 
 SIZE = {"width": 8, "height": 8, "spp": 1}
 MOVES = 1000
@@ -188,6 +190,52 @@ def test_a_lamp_put_out_and_media_that_become_grey_show_what_fresh_scenes_show()
         fresh = anew(other)
         assert held(other).features == held(fresh).features
         assert film(other) == film(fresh)
+
+
+def test_a_sky_seen_through_a_window_goes_out_and_on_again() -> None:
+    cells = 14
+    step = np.stack(np.meshgrid(*[np.linspace(-1, 1, cells + 1)] * 2, indexing="ij"), axis=-1)
+    corners = np.stack([step[:-1, :-1], step[1:, :-1], step[1:, 1:], step[:-1, 1:]], axis=2)
+    quads = corners.reshape(-1, 4, 2)
+    walls = []
+    for axis in range(3):
+        for side in (-1, 1):
+            window = axis == 0 and side == 1
+            kept = quads[(np.abs(quads.mean(1)) > 0.4).any(1)] if window else quads
+            walls.append(np.insert(kept, axis, side, axis=2).reshape(-1, 3))
+    vertices = np.concatenate(walls)
+    first = np.arange(0, len(vertices), 4)[:, None]
+    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    room = Part(vertices, faces, 0.5, two_sided=True)
+    scene = make([room], Camera.look_at([0, 0, 0.9], [0, 0, 0], fov=60), environment=1.0)
+    film(scene)
+    for colour in ([0, 0, 0], [1, 1, 1], [0.3, 0.7, 0.1], [0, 0, 0], [0.2, 0, 0]):
+        other = scene._with_arrays(environment=np.array(colour, np.float32))
+        assert film(other) == film(anew(other))
+        scene = other
+
+
+def test_a_rough_metal_that_becomes_sharp_holds_parallel_light() -> None:
+    metal = material("roughconductor", eta=0.0, k=1.0, alpha_u=0.3, alpha_v=0.3)
+    eye = Camera.look_at([0, 0, 4], [0, 0, 0], fov=0.2)
+    scene = make(
+        [tiled(1.0, 0.0, 26, True, material=metal)], eye, lights=[directional_light([0, 0, -1])]
+    )
+    settings = {"width": 16, "height": 16, "spp": 64, "device": "cpu", "threads": 1}
+    vr.render(scene, **settings)
+    for alpha in (1e-4, 0.3):
+        other = scene._with_arrays(alpha_u=[alpha], alpha_v=[alpha])
+        made = [vr.render(s, **settings) for s in (other, anew(other))]
+        assert made[0].film_sha256 == made[1].film_sha256
+        scene = other
+
+
+def test_copies_of_all_kinds_are_read_only() -> None:
+    scene = balls()
+    for other in (copy.copy(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+        assert other.sha256 == scene.sha256
+        for array in (other.reflectance, other.vertices, other.camera.to_world):
+            assert not array.flags.writeable
 
 
 def test_a_lamp_moved_into_fog_behind_glass_lights_it() -> None:

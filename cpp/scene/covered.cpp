@@ -95,9 +95,6 @@ bool HostScene::back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const
 // meet the backs. The later one's plane is moved before its front, beyond the other's plane; paths
 // leave it by more than that.
 void HostScene::part_backs(const SceneInput& in) {
-    const auto column = [&](uint32_t i, uint32_t c) -> float& {
-        return primitives[size_t{i} * view.primitive_row + size_t{c} * view.primitive_column];
-    };
     for (uint32_t b = 1; b < view.first_sphere; ++b)
         for (uint32_t a = 0; a < b; ++a) {
             if (!back_to_back(in, a, b)) continue;
@@ -163,9 +160,6 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
     // Rays meet primitives of different rounded planes in either order: samples of a lamp would
     // count beside what they find instead of it.
     const auto one_plane = [&](uint32_t a, uint32_t b) {
-        const auto column = [&](uint32_t i, uint32_t c) {
-            return primitives[size_t{i} * view.primitive_row + size_t{c} * view.primitive_column];
-        };
         for (uint32_t c = kPrimN; c <= kPrimPlane; ++c)
             if (column(a, c) != column(b, c)) return false;
         return true;

@@ -66,13 +66,10 @@ double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Doub
         const Double3 c = (Double3{sphere[0], sphere[1], sphere[2]} - centre) * (1 / unit);
         return std::abs(length(p - c) - sphere[3] / unit);
     }
-    const float* row = primitives.data() + primitive * view.primitive_row;
-    const auto column = [&](uint32_t c) {
-        return static_cast<double>(row[static_cast<size_t>(c) * view.primitive_column]);
-    };
     double height = 0;
-    for (int k = 0; k < 3; ++k) height += p[k] * column(kPrimN + static_cast<uint32_t>(k));
-    height -= column(kPrimPlane);
+    for (uint32_t k = 0; k < 3; ++k)
+        height += p[static_cast<int>(k)] * double{column(primitive, kPrimN + k)};
+    height -= double{column(primitive, kPrimPlane)};
     return std::max(std::sqrt(squared_gap({p, p}, box_around(in, primitive))), std::abs(height));
 }
 
@@ -351,16 +348,10 @@ LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light
 // by the point's own bound, the bound at its corners; negative if it touches what lets light
 // through.
 float HostScene::lamp_offset(const SceneInput& in, const AreaLight& light) const {
-    const auto column_of = [&](uint32_t primitive, uint32_t c) {
-        return primitives[static_cast<size_t>(primitive) * view.primitive_row +
-                          static_cast<size_t>(c) * view.primitive_column];
-    };
-    const auto n = [&](uint32_t k) {
-        return static_cast<double>(column_of(light.primitive, kPrimN + k));
-    };
+    const auto n = [&](uint32_t k) { return double{column(light.primitive, kPrimN + k)}; };
     const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
-    const float offsets[2] = {column_of(light.primitive, kPrimOffset),
-                              column_of(light.other, kPrimOffset)};
+    const float offsets[2] = {column(light.primitive, kPrimOffset),
+                              column(light.other, kPrimOffset)};
     float offset = std::max(offsets[0], offsets[1]);
     if (std::min(offsets[0], offsets[1]) < 0)
         offset = static_cast<float>(terms(box, {n(0), n(1), n(2)})) * kLocalOffset;
@@ -369,10 +360,7 @@ float HostScene::lamp_offset(const SceneInput& in, const AreaLight& light) const
 
 void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const {
     const PrimitiveSource& source = sources[light.primitive];
-    const auto prim = [&](uint32_t c) {
-        return primitives[static_cast<size_t>(light.primitive) * view.primitive_row +
-                          static_cast<size_t>(c) * view.primitive_column];
-    };
+    const auto prim = [&](uint32_t c) { return column(light.primitive, c); };
     if (source.group == kSphereGroup) {
         for (uint32_t k = 0; k < kSphereFloats; ++k) s.record[k] = prim(k);
         const bool inside = prim(kPrimSide) < 0;

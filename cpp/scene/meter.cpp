@@ -86,14 +86,11 @@ void HostScene::set_meter(const SceneInput& in) {
         Double3 front = length(n) > 0 ? normalised(n) * side : n;
         double plane = dot(rounded(front), o), before = kBefore * far;
         if (const auto face = round ? std::nullopt : face_of(k)) {
-            const auto column = [&](uint32_t c) {
-                return double{primitives[size_t{*face} * view.primitive_row +
-                                         size_t{c} * view.primitive_column]};
-            };
-            const Double3 own{column(kPrimN), column(kPrimN + 1), column(kPrimN + 2)};
+            const auto number = [&](uint32_t c) { return double{column(*face, c)}; };
+            const Double3 own{number(kPrimN), number(kPrimN + 1), number(kPrimN + 2)};
             const double turn = dot(own, front) < 0 ? -1 : 1;
-            front = own * turn, plane = column(kPrimPlane) * turn;
-            before = std::max(column(kPrimOffset), 0.);
+            front = own * turn, plane = number(kPrimPlane) * turn;
+            before = std::max(number(kPrimOffset), 0.);
         }
         const Double3 vectors[] = {o, a, b, front};
         const double last[] = {static_cast<double>(kind_of(k)),

@@ -30,10 +30,6 @@ void split(double x, float& high, float& low) {
     low = static_cast<float>(x - static_cast<double>(high));
 }
 
-float& at(Table<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
-    return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
-}
-
 // The offset by which rays leave a plane n.p + w = 0 past the rounding of points on it: 16 units of
 // 2^-24 of the terms of n.p (a rounded point put back on the plane, and the plane's distance seen
 // from it), plus the distance of corners that are off the plane.
@@ -256,7 +252,7 @@ bool HostScene::set_flat(const SceneInput& in) {
             write_polygon(f, shared[i], behind,
                           view.polygons + kPolygonFloats * view.polygon_count++, rim);
         if (local) plane_record(static_cast<uint32_t>(i))[3] = plane[3] + behind;
-        for (uint32_t k = 0; k < 4; ++k) at(primitives, view, i, kPrimRim + k) = rim[k];
+        for (uint32_t k = 0; k < 4; ++k) column(i, kPrimRim + k) = rim[k];
     }
     for (uint32_t i = 0; i < in.disks.count; ++i)
         put_disk(in, flats.size() + i, i, view.disks + kDiskFloats * view.disk_count++);
@@ -391,9 +387,9 @@ void HostScene::allocate_primitives(size_t count, uint32_t row) {
 // least: what the offset needs to take a point past a neighbour's rim and the slack of its own
 // plane; or kLocal.
 void HostScene::put_plane(size_t primitive, const Flat& f, const float* plane, float least) {
-    for (uint32_t k = 0; k < 3; ++k) at(primitives, view, primitive, kPrimN + k) = plane[k];
-    at(primitives, view, primitive, kPrimPlane) = -plane[3];
-    at(primitives, view, primitive, kPrimOffset) =
+    for (uint32_t k = 0; k < 3; ++k) column(primitive, kPrimN + k) = plane[k];
+    column(primitive, kPrimPlane) = -plane[3];
+    column(primitive, kPrimOffset) =
         least < 0 ? least
                   : std::max(least, static_cast<float>(leave(plane, f.v.data(), f.corners)));
 }
@@ -430,17 +426,16 @@ void HostScene::put_sphere(const SceneInput& in, size_t primitive, uint32_t row,
     if (!(record[6] >= 0x1p-100f))
         throw std::invalid_argument("spheres[" + std::to_string(row) + "] has the radius " +
                                     number(s[3]) + ", too small beside the scene");
-    for (uint32_t k = 0; k < kSphereFloats; ++k) at(primitives, view, primitive, k) = record[k];
-    at(primitives, view, primitive, kPrimSide) = in.sphere_inward.data[row] ? -1.f : 1.f;
+    for (uint32_t k = 0; k < kSphereFloats; ++k) column(primitive, k) = record[k];
+    column(primitive, kPrimSide) = in.sphere_inward.data[row] ? -1.f : 1.f;
     put_source(in, primitive, kSphereGroup, row);
 }
 
 // Normals at the corners as an affine function of the point; a flat triangle's is constant.
 void HostScene::put_smooth(const SceneInput& in, size_t primitive, const Flat& f) {
     float* out = &smooth[primitive * kSmoothFloats];
-    const Double3 flat{at(primitives, view, primitive, kPrimN),
-                       at(primitives, view, primitive, kPrimN + 1),
-                       at(primitives, view, primitive, kPrimN + 2)};
+    const Double3 flat{column(primitive, kPrimN), column(primitive, kPrimN + 1),
+                       column(primitive, kPrimN + 2)};
     Double3 n[3] = {flat, flat, flat};
     if (f.corners == 3 && !vertex_normals(in, f.triangle, n)) n[0] = n[1] = n[2] = flat;
     if (f.swapped) std::swap(n[1], n[2]);

@@ -291,6 +291,12 @@ class HostScene : public Frame {
     void put_triangles(const SceneInput& in, size_t count, const uint32_t* rows);
     void put_kind(size_t primitive, uint32_t kind);
     void allocate_primitives(size_t count, uint32_t row);
+    // A number of a primitive's row.
+    size_t place_of(size_t primitive, uint32_t column) const {
+        return primitive * view.primitive_row + size_t{column} * view.primitive_column;
+    }
+    float column(size_t i, uint32_t c) const { return primitives[place_of(i, c)]; }
+    float& column(size_t i, uint32_t c) { return primitives[place_of(i, c)]; }
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record);

@@ -38,12 +38,12 @@ double diffuse_reflectance_inside(double eta) {
 // which counts its ends in full (for alpha 0.1 and the default index 1.5 % below the integral). For
 // a cosine of 0, where Mitsuba takes 1e-6, the limit. smooth: what a smooth coat lets in; linear
 // between the cosines, that is at most 1.4e-3 low, and 5e-5 on the average (indices up to 2).
-struct RoughCoat {
+struct CoatTable {
     float transmittance[kCoatCells + 1];
     double inside;
 };
-RoughCoat rough_coat(float eta, float alpha, bool ggx, bool correlated, bool smooth) {
-    RoughCoat coat;
+CoatTable rough_coat(float eta, float alpha, bool ggx, bool correlated, bool smooth) {
+    CoatTable coat;
     double sent[kCoatCells + 1] = {};
     parallel(
         smooth ? 1u : std::max(1u, std::thread::hardware_concurrency()), kCoatCells + 1, {},
@@ -159,7 +159,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
             double inside;
             if (closure.table) {
                 const float index = in.eta.data[3 * m], alpha = in.alpha_u.data[m];
-                const RoughCoat coat = once_for(rough_coat, index, alpha, ggx, correlated, once);
+                const CoatTable coat = once_for(rough_coat, index, alpha, ggx, correlated, once);
                 for (uint32_t k = 0; k <= kCoatCells; ++k)
                     put(kSurfaceColumns + k, coat.transmittance[k]);
                 inside = coat.inside;

@@ -502,6 +502,8 @@ _REPAIRED = (  # bugs that veriray had
            "nearest_point(own, a.n, foot)", "most(box.low, least(foot, box.high))"),
     Mutant("planes through the origin not parted", "scene/touching.cpp",
            "std::max(size, kLeastTerms) + seen", "size + seen"),
+    Mutant("metals made sharp keep the film of rough ones", "scene/change.cpp",
+           "any_sharp(was) != any_sharp(in)", "false"),
     Mutant("concentric spheres not parted", "scene/concentric.cpp",
            "moves[s.inner] = changed = true", "changed = true"),
     Mutant("balls within clear balls of their size not parted", "scene/concentric.cpp",

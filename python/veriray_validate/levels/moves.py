@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import pickle
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,8 +11,11 @@ import numpy as np
 import trimesh
 
 import veriray
+from veriray import SceneError
 from veriray.camera import Camera
 from veriray.scene import Scene
+from veriray_validate import dicts
+from veriray_validate.dicts import Dict
 from veriray_validate.scenes import Part, make
 from veriray_validate.trial import Trial, case
 
@@ -51,6 +55,126 @@ def moved_cameras(t: Trial) -> None:
             for each in (moved, copy.copy(moved))  # the copy keeps nothing on the device
         }
         t.check(len(films) == 1, f"camera {k}, {away:g} away")
+
+
+def _colour(rng: np.random.Generator) -> Dict:
+    return dicts.rgb(rng.uniform(0, 1, 3))
+
+
+def _materials(rng: np.random.Generator) -> Dict:
+    """Three that are referred to by their ids."""
+    rough = {"alpha": float(rng.uniform(0.02, 0.5)), "distribution": "ggx"}
+    kinds: list[Dict] = [
+        {"type": "diffuse", "reflectance": _colour(rng)},
+        {"type": "roughconductor", "material": "none", **rough},
+        {"type": "roughconductor", "material": "Au", **rough, "energy_compensation": True},
+        {"type": "roughdielectric", **rough},
+        {"type": "roughplastic", "diffuse_reflectance": _colour(rng), **rough},
+        {"type": "plastic", "diffuse_reflectance": _colour(rng)},
+        {"type": "principled", "base_color": _colour(rng), "roughness": 0.5, "spec_trans": 0.5},
+        {"type": "thindielectric"},
+        dicts.glass(1.5),
+        dicts.masked(0.5, {"type": "diffuse"}),
+        {
+            "type": "blendbsdf",
+            "weight": 0.5,
+            "a": {"type": "diffuse"},
+            "b": dicts.both(dicts.BLACK),
+        },
+    ]
+    chosen = rng.choice(len(kinds), 3, replace=False)
+    return {f"m{k}": {**kinds[i], "id": f"m{k}"} for k, i in enumerate(chosen)}
+
+
+def windowed_room(cells: int) -> Dict:
+    """A cube of half size 2 of 12 cells^2 faces, without those in the middle of a wall."""
+    line = np.linspace(-2, 2, cells + 1)
+    corners = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1)
+    quads = np.stack(
+        [corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=2
+    )
+    quads = quads.reshape(-1, 4, 2)
+    walls = [np.insert(quads, axis, side, axis=2) for axis in range(3) for side in (-2, 2)]
+    walls[0] = walls[0][(np.abs(quads.mean(1)) > 0.8).any(1)]
+    vertices = np.concatenate(walls).reshape(-1, 3)
+    first = np.arange(0, len(vertices), 4)[:, None]
+    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    return {"type": "mesh", "vertices": vertices, "faces": faces,
+            "bsdf": dicts.both({"type": "diffuse"})}  # fmt: skip
+
+
+def drawn(rng: np.random.Generator) -> Scene:
+    """More than 1,024 faces of drawn materials, media and lights, on a floor or in a room."""
+    ball = trimesh.creation.icosphere(3)
+    scene: Dict = {"type": "scene", "how": {"type": "volpath"}, **_materials(rng)}
+    for k, size in enumerate((0.6, 0.3)):
+        body: Dict = {"type": "mesh", "vertices": size * ball.vertices + [0.9 * k, 0, 0.1 * k],
+                      "faces": ball.faces, "bsdf": {"type": "ref", "id": f"m{k}"}}  # fmt: skip
+        if rng.random() < 0.4:
+            fog = dicts.medium(
+                rng.uniform(0, 5, 3), rng.uniform(0, 1, 3), float(rng.choice([0, 0.5]))
+            )
+            body["interior"] = fog
+        scene[f"body{k}"] = body
+    floor = dicts.flat("rectangle", [0, -0.6, 0], [0, 1, 0], 3, {"type": "ref", "id": "m2"})
+    scene["around"] = windowed_room(12) if rng.random() < 0.4 else floor
+    scene["lamp"] = dicts.sphere([0, 1.5, 0], 0.1, dicts.BLACK, rng.uniform(0, 5, 3))
+    delta = {"type": "rgb", "value": [4.0, 3.0, 2.0]}
+    lights: Dict = {
+        "sky": dicts.sky(1.0),
+        "sun": {"type": "directional", "direction": [0.1, -0.2, -1], "irradiance": delta},
+        "point": {"type": "point", "position": [-1.0, 1.0, 1.0], "intensity": delta},
+    }
+    scene |= {name: lights[name] for name in lights if rng.random() < 0.6}
+    eye = dicts.look([0, 0.5, 1.9], [0, 0, 0])
+    scene["eye"] = {"type": "perspective", "fov": 50.0, "to_world": eye,
+                    "film": dicts.box_film(8, 8)}  # fmt: skip
+    return veriray.load_dict(scene)
+
+
+#: By the last part of a parameter's name, the range of its new values; (0, 1) of others.
+RANGES = {"radiance": (0, 8), "intensity": (0, 8), "irradiance": (0, 8), "sigma_t": (0, 20),
+          "eta": (1, 2), "k": (0, 5), "g": (-0.8, 0.8), "position": (-2, 2)}  # fmt: skip
+
+
+def new_value(rng: np.random.Generator, name: str, old: Any) -> Any:
+    """A number, or one for each number of `old`: often an end of the range, or next to it."""
+    low, high = RANGES.get(name.rpartition(".")[2], (0, 1))
+    shape = np.shape(old)
+    kind = rng.random()
+    if kind < 0.4:
+        value = np.full(shape, rng.choice([low, high, low + 1e-4 * (high - low)]))
+    else:
+        value = rng.uniform(low, high, shape if kind < 0.8 else ()) + np.zeros(shape)
+    return value.tolist()
+
+
+@case(6, each={"scenes": (3, 30)}, quick=lambda scenes: scenes == 3)
+def changed_numbers(t: Trial, scenes: int) -> None:
+    """Drawn scenes, changed seven times by name, or seen from elsewhere: the bits of fresh ones.
+
+    Colours, roughness, indices, shares, media, lights and skies, to the ends of their ranges; films
+    and their resolution are compared.
+    """
+    settings: dict[str, Any] = {"device": t.device, "threads": t.threads}
+    for _ in range(scenes):
+        scene = drawn(t.rng)
+        for step in range(8):
+            names = t.rng.choice(list(scene.parameters()), 3, replace=False)
+            known = scene.parameters()
+            try:
+                if step:
+                    scene = scene.with_({n: new_value(t.rng, n, known[n]) for n in map(str, names)})
+            except SceneError:  # as an index of 1 with energy compensation
+                continue
+            if t.rng.random() < 0.3:
+                scene = scene.with_(camera=scene.camera.orbit(float(t.rng.uniform(0, 360))))
+            states, seed = [], t.fresh()
+            for each in (scene, copy.copy(scene)):
+                work = veriray.Accumulation(each, spp=4, seed=seed, **settings)
+                work.add(4)
+                states.append(pickle.dumps(work.checkpoint().film))
+            t.check(states[0] == states[1], f"step {step}: {', '.join(names)}")
 
 
 @case(8)

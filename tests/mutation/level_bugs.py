@@ -550,7 +550,7 @@ _REPAIRED = (  # bugs that veriray had
            "ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i)))",
            "true"),
     Mutant("lamps sampled where rays may meet what is behind", "scene/covered.cpp",
-           "first = same && std::abs(before)", "first = std::abs(before)"),
+           "same && std::abs(before) <= kOnePlane", "std::abs(before) <= kOnePlane"),
     Mutant("lamps shine through close covers", "scene/covered.cpp",
            "ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i)))",
            "false"),

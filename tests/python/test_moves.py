@@ -16,7 +16,9 @@ from veriray import native_scene
 from veriray.camera import Camera
 from veriray.device import select
 from veriray.scene import Scene
+from veriray_validate import dicts
 from veriray_validate.everyday_heaps import tiled
+from veriray_validate.levels.moves import windowed_room
 from veriray_validate.scenes import Medium, Part, directional_light, make, material, point_light
 
 SIZE = {"width": 8, "height": 8, "spp": 1}
@@ -193,21 +195,9 @@ def test_a_lamp_put_out_and_media_that_become_grey_show_what_fresh_scenes_show()
 
 
 def test_a_sky_seen_through_a_window_goes_out_and_on_again() -> None:
-    cells = 14
-    step = np.stack(np.meshgrid(*[np.linspace(-1, 1, cells + 1)] * 2, indexing="ij"), axis=-1)
-    corners = np.stack([step[:-1, :-1], step[1:, :-1], step[1:, 1:], step[:-1, 1:]], axis=2)
-    quads = corners.reshape(-1, 4, 2)
-    walls = []
-    for axis in range(3):
-        for side in (-1, 1):
-            window = axis == 0 and side == 1
-            kept = quads[(np.abs(quads.mean(1)) > 0.4).any(1)] if window else quads
-            walls.append(np.insert(kept, axis, side, axis=2).reshape(-1, 3))
-    vertices = np.concatenate(walls)
-    first = np.arange(0, len(vertices), 4)[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    room = Part(vertices, faces, 0.5, two_sided=True)
-    scene = make([room], Camera.look_at([0, 0, 0.9], [0, 0, 0], fov=60), environment=1.0)
+    eye = {"type": "perspective", "fov": 60.0, "to_world": dicts.look([0, 0, 1.8], [0, 0, 0])}
+    parts = {"room": windowed_room(14), "sky": dicts.sky(1.0), "eye": eye}
+    scene = vr.load_dict({"type": "scene", **parts})
     film(scene)
     for colour in ([0, 0, 0], [1, 1, 1], [0.3, 0.7, 0.1], [0, 0, 0], [0.2, 0, 0]):
         other = scene._with_arrays(environment=np.array(colour, np.float32))

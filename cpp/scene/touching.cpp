@@ -9,7 +9,6 @@
 // order is that of the exact input; of bodies in one plane the smaller lies within the larger, and
 // of equal ones the later within the earlier. A surface keeps its edges, so bodies stay closed.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <mutex>

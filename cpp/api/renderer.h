@@ -161,6 +161,8 @@ class Picture {
     void read_mean(float* out) const;
     // The same, of pictures that have errors, in memory for them.
     Large<float> mean() const, error() const;
+    // What these gave, for the next picture; no thread waits.
+    static void give_back(Large<float> numbers) noexcept;
     void read_error(float* out) const;
     // The means where the device has them, for others to read: their memory then waits for all
     // work on the device before it is used again.

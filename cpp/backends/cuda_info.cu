@@ -1,6 +1,7 @@
 // What the CUDA backend is and where it can run.
 #include <thrust/version.h>
 
+#include <atomic>
 #include <cstdlib>
 
 #include "backends/device.cuh"
@@ -28,6 +29,8 @@ __global__ void probe_kernel() {}
 }  // namespace
 
 std::string why_unusable() {
+    static std::atomic<bool> usable{false};  // and stays so
+    if (usable) return "";
     const std::string toolkit =
         std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION % 1000 / 10);
     int driver = 0, count = 0;
@@ -56,6 +59,7 @@ std::string why_unusable() {
                            " cannot be loaded on the device: ") +
                cudaGetErrorName(image) + " (" + cudaGetErrorString(image) + ")";
     }
+    usable = true;
     return "";
 }
 

@@ -3,7 +3,6 @@
 
 #include "backends/film_memory.h"
 #include "backends/instances.h"
-#include "backends/spare.h"
 #include "backends/tree.cuh"
 
 namespace veriray {
@@ -77,7 +76,6 @@ class DevicePicture final : public PictureMemory {
                             n * sizeof(float)))
             numbers_.download(first, n, out);
     }
-    Large<float> on_host(size_t n) const override { return Spare::common().take(n); }
     void share() override { shared_ = true; }
 
    private:

@@ -3,7 +3,6 @@
 
 #include <cuda_runtime.h>
 
-#include <atomic>
 #include <exception>
 #include <string>
 #include <utility>
@@ -129,12 +128,8 @@ template <class T>
 using Scratch = Buffer<T, true>;
 
 inline void use_device(int device) {
-    static std::atomic<bool> usable{false};  // and stays so
-    if (!usable) {
-        const std::string why = why_unusable();
-        if (!why.empty()) throw DeviceError(why);
-        usable = true;
-    }
+    const std::string why = why_unusable();
+    if (!why.empty()) throw DeviceError(why);
     check(cudaSetDevice(device), ("device " + std::to_string(device)).c_str());
 }
 

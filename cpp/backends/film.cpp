@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "backends/film_memory.h"
+#include "backends/spare.h"
 
 namespace veriray {
 namespace {
@@ -216,15 +217,16 @@ size_t Picture::memory() const { return (integers() ? 1 : 2) * impl->size() * si
 double Picture::mean_error() const { return impl->mean_error; }
 void Picture::read_mean(float* out) const { impl->memory->read(0, impl->size(), out); }
 Large<float> Picture::mean() const {
-    Large<float> out = impl->memory->on_host(impl->size());
+    Large<float> out = Spare::common().take(impl->size());
     read_mean(out.data());
     return out;
 }
 Large<float> Picture::error() const {
-    Large<float> out = impl->memory->on_host(impl->size());
+    Large<float> out = Spare::common().take(impl->size());
     read_error(out.data());
     return out;
 }
+void Picture::give_back(Large<float> numbers) noexcept { Spare::common().give(std::move(numbers)); }
 void Picture::read_error(float* out) const {
     if (!integers()) impl->memory->read(impl->size(), impl->size(), out);
 }

@@ -25,12 +25,6 @@ class PictureMemory {
     virtual ~PictureMemory() = default;
     virtual float* numbers() = 0;  // where the device has them
     virtual void read(size_t first, size_t n, float* out) const = 0;
-    // Memory of the host for n numbers, whatever they are.
-    virtual Large<float> on_host(size_t n) const {
-        Large<float> numbers;
-        numbers.resize(n);
-        return numbers;
-    }
     // From now on others may read them on the device; see Picture::share.
     virtual void share() {}
 };

@@ -3,6 +3,7 @@
 
 #include <cuda_runtime.h>
 
+#include <algorithm>
 #include <chrono>
 #include <exception>
 #include <map>
@@ -107,7 +108,7 @@ class Watch {
     // query() until what it asks for is done; share() is the part of the work that is.
     template <class Query, class Share>
     void wait(Query query, Share share) {
-        for (;;) {
+        for (const Clock::time_point begin = Clock::now();;) {
             const cudaError_t status = query();
             if (status == cudaSuccess) return;
             if (status != cudaErrorNotReady) check(status, "render");
@@ -115,7 +116,7 @@ class Watch {
             if (l_.poll && !stopped_ && Clock::now() - last_ > kPollPause)
                 ask(share());
             else if (!Spare::common().touch(l_.picture))
-                std::this_thread::yield();
+                pause(Clock::now() - begin);
         }
     }
     bool stopped() const { return stopped_; }
@@ -126,12 +127,21 @@ class Watch {
     }
 
    private:
+    static constexpr std::chrono::milliseconds kBusy{20};
+
     const Launches& l_;
     uint32_t* cancel_;
     Clock::time_point last_ = Clock::now();
     bool stopped_ = false;
     std::exception_ptr error_;
 
+    // Leaves the processor to others for a 256th of the time that was waited, if that is long.
+    static void pause(Clock::duration waited) {
+        if (waited < kBusy)
+            std::this_thread::yield();
+        else
+            std::this_thread::sleep_for(std::min<Clock::duration>(waited / 256, kPollPause));
+    }
     void ask(double share) {
         try {
             stopped_ = !keeping_device([&] { return l_.poll(std::min(1.0, share)); });

@@ -341,7 +341,10 @@ py::array_t<float> given(const Picture& p, Large<float> (Picture::*read)() const
         all = std::make_unique<Large<float>>((p.*read)());
     }
     float* const numbers = all->data();
-    const py::capsule owner(all.get(), [](void* x) { delete static_cast<Large<float>*>(x); });
+    const py::capsule owner(all.get(), [](void* x) {
+        const std::unique_ptr<Large<float>> held(static_cast<Large<float>*>(x));
+        Picture::give_back(std::move(*held));
+    });
     all.release();
     return py::array_t<float>(picture_shape(p), numbers, owner);
 }

@@ -77,6 +77,18 @@ def test_threads_get_the_same_arrays(cornell: vr.Scene, device: str) -> None:
         assert value is found[k % 3]
 
 
+def test_memory_serves_the_next_picture(cornell: vr.Scene, device: str) -> None:
+    """That of arrays that nobody holds; those that somebody holds stay as they are."""
+    wanted = [render(cornell, device, seed=seed).image.copy() for seed in range(4)]
+    first, kept = (render(cornell, device, seed=seed).image for seed in range(2))
+    place, part = first.ctypes.data, kept[3:]
+    del first, kept
+    found = [render(cornell, device, seed=seed).image for seed in (2, 3)]
+    assert place in [image.ctypes.data for image in found]
+    assert np.array_equal(part, wanted[1][3:])
+    assert np.array_equal(found, wanted[2:])
+
+
 def test_arrays_without_a_copy(cornell: vr.Scene, cpu: str) -> None:
     picture = render(cornell, cpu)
     held = np.asarray(picture)

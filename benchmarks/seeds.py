@@ -12,7 +12,7 @@ probability of k or more is below 0.001 over the number of cases: its margin or 
 little, and a longer run fails.
 
 On a GPU, start CUDA's Multi-Process Service first (nvidia-cuda-mps-control -d): without it cases
-take turns. Workers that wait for the GPU sleep, so twice as many as processors are well. Kernels are not made at run time unless VERIRAY_KERNELS says so: small cases differ in
+take turns. Kernels are not made at run time unless VERIRAY_KERNELS says so: small cases differ in
 what they need, and compilers took over half of the time. Bits do not depend on them.
 
 Cases that draw no random numbers are asked with the first seed alone; their answer is every seed's.
@@ -27,8 +27,6 @@ if every seed passes and no case is fragile.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import ctypes
 import itertools
 import json
 import os
@@ -49,7 +47,6 @@ from veriray_validate.run import FULL_EFFORT, fast_devices, held_by
 from veriray_validate.trial import FAMILY, FIRST, MANY, SECOND
 
 SAVE = 60.0  # seconds between files
-CU_CTX_SCHED_BLOCKING_SYNC = 4  # of CUDA's driver API
 #: Builds bugs and judges the sound program, which takes several times as long with the first seed.
 #: The other seeds need both, so they ask it that many seeds later than all else.
 PLANTED, LATER = "mutation.planted_bugs", 8
@@ -57,21 +54,9 @@ PLANTED, LATER = "mutation.planted_bugs", 8
 Answer = tuple[str, float | None, float | None, str, float, bool]
 
 
-def rest_while_gpus_work() -> None:
-    """This process's threads sleep while they wait for a GPU, which leaves processors to others."""
-    with contextlib.suppress(OSError):  # no driver
-        cuda = ctypes.CDLL("libcuda.so.1")
-        cuda.cuInit(0)
-        count = ctypes.c_int()
-        cuda.cuDeviceGetCount(ctypes.byref(count))
-        for device in range(count.value):  # before it is used
-            cuda.cuDevicePrimaryCtxSetFlags_v2(device, CU_CTX_SCHED_BLOCKING_SYNC)
-
-
 def work(name: str, device: str, seed: int, effort: int, second: float) -> Answer:
     """One case with one seed, as `veriray validate` runs it."""
     if name not in CASES:
-        rest_while_gpus_work()
         cases()
     o = judge(CASES[name], device, seed=seed, effort=effort, threads=1, second=second)
     return o.verdict, o.p, o.confirmed, o.message, o.seconds, o.seeded

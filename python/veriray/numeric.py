@@ -294,13 +294,13 @@ def check_matrix(name: str, value: Any) -> Array:
     matrix = array(name, value, np.float64, (4, 4))
     if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise SceneError(f"{name} has the last row {matrix[3].tolist()}, expected [0, 0, 0, 1]")
-    if np.abs(matrix).max() > MAX_COORDINATE:
+    rows = matrix[:3].tolist()  # numbers of Python: they are few
+    if max(max(map(abs, row)) for row in rows) > MAX_COORDINATE:
         raise SceneError(f"{name} holds a number above {MAX_COORDINATE:g}")
-    lengths = [math.hypot(*column) for column in matrix[:3, :3].T.tolist()]
+    lengths = [math.hypot(*column) for column in zip(*(row[:3] for row in rows), strict=True)]
     if min(lengths) > 0:
-        unit = np.array(matrix)
-        unit[:3, :3] /= np.array(lengths)
-        if abs(determinant(unit)) > 1e-12:
+        units = [[x / length for x, length in zip(row, lengths, strict=False)] for row in rows]
+        if abs(_determinant(units)) > 1e-12:
             return matrix
     raise SceneError(f"{name} is singular: it flattens space (columns of length {lengths})")
 

@@ -915,11 +915,16 @@ class _Tables:
 
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene; None for the columns of an empty table."""
-        return {
-            column: [row.get(column, blank) for _, _, row in self.rows[table].values()] or None
-            for table, blanks in _TABLES.items()
-            for column, blank in blanks.items()
-        }
+        found: dict[str, Any] = {}
+        for table, blanks in _TABLES.items():
+            rows = [row for _, _, row in self.rows[table].values()]
+            given: set[str] = set().union(*rows)
+            for column, blank in blanks.items():
+                if column in given:
+                    found[column] = [row.get(column, blank) for row in rows]
+                else:
+                    found[column] = [blank] * len(rows) or None
+        return found
 
 
 def _masked(row: materials.Row) -> bool:

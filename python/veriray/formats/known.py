@@ -31,9 +31,12 @@ MITSUBA: dict[str, tuple[str, ...]] = {
 }
 
 
+_CATEGORIES = {plugin: name for name, plugins in MITSUBA.items() for plugin in plugins}
+
+
 def category(plugin: str) -> str:
     """The category of a plugin of Mitsuba, "" if it has none of that name."""
-    return next((name for name, plugins in MITSUBA.items() if plugin in plugins), "")
+    return _CATEGORIES.get(plugin, "")
 
 
 def missing(kind: str, plugin: str, holder: str = "") -> str:

@@ -30,6 +30,8 @@ from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS, mesh_attribute
 from .report import Report
 
+#: Most of what dictionaries hold, which is neither a mesh nor an object of Mitsuba.
+_PLAIN = (dict, str, int, float, list, tuple, np.ndarray)
 _ARRAYS = {
     "mesh": ("vertices", "faces", "uv", "normals"),
     "bitmap": ("bitmap", "data"),
@@ -38,6 +40,10 @@ _ARRAYS = {
     "sdfgrid": ("grid",),
     **dict.fromkeys(ellipsoids.KINDS, ellipsoids.ARRAYS),
 }
+
+
+#: What other dictionaries than those of objects hold beside their type.
+_FIELDS = {"rgb": "value", "spectrum": "value", "ref": "id"}
 
 
 def read(scene: Mapping[str, Any], report: Report | None = None) -> Tree:
@@ -106,7 +112,7 @@ def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: in
 def _described(value: Any, where: str = "", around: Mapping[str, Any] | None = None) -> Any:
     """A trimesh.Trimesh or mitsuba.Mesh as a dictionary; anything else as it is. around: the
     dictionary that it is the "mesh" of. Raises SceneError as `mitsuba_objects.mesh`."""
-    if isinstance(value, Mapping):
+    if isinstance(value, (*_PLAIN, Mapping)):
         return value
     if mitsuba_objects.kind(value) == "Mesh":
         return mitsuba_objects.mesh(value, where, around or {})
@@ -119,7 +125,7 @@ def _described(value: Any, where: str = "", around: Mapping[str, Any] | None = N
 
 
 def _convert(value: Any, where: str, tree: Tree) -> Value | Ref | Node:
-    if isinstance(value, Mapping):
+    if isinstance(value, (dict, Mapping)):
         return _mapping(value, where, tree)
     if isinstance(value, (bool, np.bool_)):
         return Value("boolean", bool(value), where)
@@ -151,28 +157,25 @@ def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | 
     kind = value.get("type")
     if not isinstance(kind, str):
         raise SceneError(f'"type" = {shorten(kind)} is not the name of an object', where)
-    fields = {"rgb": "value", "spectrum": "value", "ref": "id"}
     if kind in spectra.PLUGINS:
         return _spectrum_plugin(kind, value, where, tree)
-    if kind not in fields:
-        if (
-            category(kind) and kind not in PLUGINS
-        ):  # what it holds is read, for what else is missing
+    if kind not in _FIELDS:
+        if kind in PLUGINS and kind != "scene":
+            return Node(kind, where, PLUGINS[kind].category)
+        if kind != "scene" and category(kind):  # what it holds is read, for what else is missing
             tree.report.add(SceneError(missing(category(kind), kind), where))
             return Node("", where, category(kind), faulty=True)
-        if kind not in PLUGINS or kind == "scene":
-            names = (*(name for name in PLUGINS if name != "scene"), *fields)
-            raise SceneError(f"unknown type {shorten(kind)}{allowed(kind, names)}", where)
-        return Node(kind, where, PLUGINS[kind].category)
+        names = (*(name for name in PLUGINS if name != "scene"), *_FIELDS)
+        raise SceneError(f"unknown type {shorten(kind)}{allowed(kind, names)}", where)
     if kind == "spectrum":
         return _spectrum(value, where)
+    field = _FIELDS[kind]
     for key in value:
-        if key not in ("type", fields[kind]):
+        if key not in ("type", field):
             raise SceneError(
-                f"{kind} has an unknown key {shorten(key)}{allowed(str(key), [fields[kind]])}",
-                where,
+                f"{kind} has an unknown key {shorten(key)}{allowed(str(key), [field])}", where
             )
-    content = value.get(fields[kind])
+    content = value.get(field)
     if kind == "ref":
         if not isinstance(content, str):
             raise SceneError(f'"id" = {shorten(content)} is not a string', where)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,7 +26,13 @@ _ATTRIBUTE = re.compile(r"((?:vertex|face)_[^:\n]*): ([13]) float")
 
 def kind(value: object) -> str:
     """The name of the class of an object of Mitsuba, as "Mesh"; "" of anything else."""
-    classes = (one for one in type(value).__mro__ if one.__module__.partition(".")[0] == "mitsuba")
+    form: Any = type(value)
+    return _name(form)
+
+
+@functools.lru_cache(256)
+def _name(form: type) -> str:
+    classes = (one for one in form.__mro__ if one.__module__.partition(".")[0] == "mitsuba")
     return next((one.__name__ for one in classes), "")
 
 

@@ -375,9 +375,7 @@ class Integrator:
                 rough = v.event == ROUGH
                 below = np.where(rough, ahead * dot(normal, live.direction) <= 0, below)
             below &= (v.event != PASS) & (v.event != PHASE)
-            clear = below & self.materials.clear.take(v.material) & (v.event != ROUGH)
-            if v.own is not None:
-                clear &= v.low < 0
+            clear = below & ~lost & self.materials.clear.take(v.material) & (v.event != ROUGH)
             if len(at := np.flatnonzero(clear)):
                 rounded = self.materials.refracts_as_round(
                     v.material[at], normal[:, at], front[:, at]

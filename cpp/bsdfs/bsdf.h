@@ -167,8 +167,7 @@ struct Bsdf {
         BsdfSample<L> along = s;
         s.weight = select(wrong, S::all(F(0.f)), s.weight);
         if constexpr (has(kClearKinds & kReflecting)) {
-            wrong = wrong & any_of<kClearKinds>();
-            if (relief.some) wrong = wrong & !relief.lanes;
+            wrong = wrong & any_of<kClearKinds>() & (max_channel(along.weight) > F(0.f));
             if (none(wrong)) return;
             const M round = refracts_as_round(view.n, ng);
             Bsdf flat = *this;

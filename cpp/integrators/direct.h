@@ -74,7 +74,8 @@ struct DirectLight : RayMedia<L, kFeatures> {
         if (none(lanes)) return;
         TexturePoint<L> at;
         at.u = at.v = F(0.f);
-        if constexpr (has(kAttributes)) at.p = light.place, at.primitive = light.on;
+        if constexpr (has(kAttributes))
+            at.p = Sampler::point(row, light.place), at.primitive = light.on;
         Sampler::image(row, light.wi, at.u, at.v);
         const M lamp = lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes));
         if (any(lamp)) {

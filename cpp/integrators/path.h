@@ -206,12 +206,12 @@ struct PathTracer : PathVertices<L, kFeatures> {
     // ---- end: absorption and roulette ----
     static VR_HD void end_here(const SceneView& scene, const PathSettings& s, PathState<L>& path,
                                uint32_t segment, const Place& place, Events<L>& e) {
-        const M black = place.scatters & !(max_channel(path.throughput) > F(0.f));
-        e.absorbed = e.absorbed | black;
-        const M scatters = place.scatters & !black;
+        const M carries = max_channel(path.throughput) > F(0.f);
+        const M scatters = place.scatters & carries;
+        e.absorbed = e.absorbed | ((place.scatters | place.pass) & !carries);
         const M survivors = roulette(scene, s, path, segment, scatters);
         e.rr_killed = scatters & !survivors;
-        e.alive = survivors | place.pass;
+        e.alive = survivors | (place.pass & carries);
     }
 
     // The next ray, and all that the path carries along.

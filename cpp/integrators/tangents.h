@@ -104,13 +104,15 @@ struct Tangents {
             S slope_u, slope_v;
             Textures<L>::slopes(scene.textures, row, at.uv, heights, slope_u, slope_v);
             const F scale = column(kSurface_relief_scale);
-            const auto tilted = [&](V along, F per, const S& slope) {
-                const F rise = Texturing<L>::luminance(slope) * scale * per;
+            const F rise_u = Texturing<L>::luminance(slope_u) * scale * d.per_u,
+                    rise_v = Texturing<L>::luminance(slope_v) * scale * d.per_v;
+            const auto tilted = [&](V along, F rise) {
                 return fma(ns, rise - dot(ns, along), along);
             };
-            const V c = cross(tilted(d.u, d.per_u, slope_u), tilted(d.v, d.per_v, slope_v));
+            const V c = cross(tilted(d.u, rise_u), tilted(d.v, rise_v));
             const F front = select(dot(at.ng, c) < F(0.f), F(-1.f), F(1.f));
-            m = select(heights, V{dot(s, c), dot(t, c), dot(ns, c)} * front, m);
+            const M even = (rise_u == F(0.f)) & (rise_v == F(0.f));
+            m = select(heights & !even, V{dot(s, c), dot(t, c), dot(ns, c)} * front, m);
         }
         const F x = dot(s, wo), y = dot(t, wo), z = dot(ns, wo);
         const M behind = !at.front, mirrored = behind & has(kReliefMirrored);

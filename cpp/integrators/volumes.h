@@ -68,6 +68,8 @@ struct Volumes {
             }
             t = select(collides, p.enter + way, t);
             flying = flying & !collides;
+            // Chances of 1 less a rounding leave nothing.
+            if (chromatic) flying = flying & (max_channel(throughput) > F(0.f));
         }
         return t;
     }

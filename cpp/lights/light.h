@@ -88,6 +88,15 @@ struct Lights {
         });
     }
 
+    // The point of a sample of a lamp.
+    template <class Row>
+    static VR_HD V point(const Row& row, V place) {
+        V p = place;
+        each<kRoundShapes>(
+            row, [&](auto shape, M m) VR_INLINED { p = select(m, shape.point(row, place), p); });
+        return p;
+    }
+
     static VR_HD void merge(LightSample<L>& s, M m, const LightSample<L>& other) {
         s.radiance = select(m, other.radiance, s.radiance);
         s.inverse_pdf = select(m, other.inverse_pdf, s.inverse_pdf);

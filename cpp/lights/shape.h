@@ -154,12 +154,12 @@ struct LightShape {
     static constexpr bool kByAngle = false;  // flat: drawn by solid angle where place() says so
     static constexpr bool kPaired = false;   // flat: of two triangles, with a column kLightOther
     static constexpr bool kOwnPdf = false;   // lamps: pdf_li needs the row
+    static constexpr bool kRound = false;    // the place of a sample is a normal: point(row, place)
     static constexpr bool kSkips = false;    // a shadow ray leaves its primitive out without a tree
     static constexpr bool kAimed = false;    // has a direction
     static constexpr bool kCone = false;     // at a point: with falloff(row, wi) within its angles
     static constexpr bool kImage = false;    // at a point: an image is read at image(row, wi, u, v)
     static constexpr bool kFramed = false;   // at a point: lights its image alone
-
     // Uniform in all directions, and as a function of nothing but the numbers.
     static VR_HD V any_direction(F s, F t) { return uniform_cone(s, t, F(2.f)); }
     static constexpr float kAnyPdf = 0.25f * kInvPi;

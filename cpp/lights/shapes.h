@@ -47,14 +47,15 @@ inline constexpr uint32_t kAllShapes = (1u << kLightShapes) - 1u;
 struct LightTraits {
     const char *name, *feature;
     LightSite site;
-    bool sampled, flat, spreads, by_angle, paired, own_pdf, skips, aimed, cone, image, framed;
+    bool sampled, flat, spreads, by_angle, paired, own_pdf, round, skips, aimed, cone, image,
+        framed;
 };
 inline constexpr LightTraits kLights[] = {
 #define VR_TRAITS_OF(T)                                                                 \
     {T<Scalar>::kName,   T<Scalar>::kFeature, T<Scalar>::kSite,    T<Scalar>::kSampled, \
      T<Scalar>::kFlat,   T<Scalar>::kSpreads, T<Scalar>::kByAngle, T<Scalar>::kPaired,  \
-     T<Scalar>::kOwnPdf, T<Scalar>::kSkips,   T<Scalar>::kAimed,   T<Scalar>::kCone,    \
-     T<Scalar>::kImage,  T<Scalar>::kFramed},
+     T<Scalar>::kOwnPdf, T<Scalar>::kRound,   T<Scalar>::kSkips,   T<Scalar>::kAimed,   \
+     T<Scalar>::kCone,   T<Scalar>::kImage,   T<Scalar>::kFramed},
     VR_LIGHTS(VR_TRAITS_OF)
 #undef VR_TRAITS_OF
 };
@@ -77,6 +78,7 @@ inline constexpr uint32_t kSpreadShapes = shapes_with([](auto& s) { return s.spr
 inline constexpr uint32_t kByAngleShapes = shapes_with([](auto& s) { return s.by_angle; });
 inline constexpr uint32_t kPairedShapes = shapes_with([](auto& s) { return s.paired; });
 inline constexpr uint32_t kOwnPdfShapes = shapes_with([](auto& s) { return s.own_pdf; });
+inline constexpr uint32_t kRoundShapes = shapes_with([](auto& s) { return s.round; });
 inline constexpr uint32_t kSkippedShapes = shapes_with([](auto& s) { return s.skips; });
 inline constexpr uint32_t kConeShapes = shapes_with([](auto& s) { return s.cone; });
 inline constexpr uint32_t kImageShapes = shapes_with([](auto& s) { return s.image; });

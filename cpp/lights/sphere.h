@@ -78,7 +78,7 @@ template <class L>
 struct SphereLight : LightShape<L> {
     VR_LIGHT_SHAPE(LightShape<L>);
     static constexpr const char *kName = "sphere", *kFeature = "sphere_lights";
-    static constexpr bool kOwnPdf = true, kSkips = true;
+    static constexpr bool kOwnPdf = true, kRound = true, kSkips = true;
 
     template <class Row>
     static VR_HD void record_of(const Row& row, F record[kSphereFloats]) {
@@ -117,16 +117,20 @@ struct SphereLight : LightShape<L> {
         record_of(row, record);
         return {at.chance * sphere_light_pdf(record, at.from), F(1.f)};
     }
+    template <class Row>
+    static VR_HD V point(const Row& row, V outward) {
+        F record[kSphereFloats];
+        record_of(row, record);
+        const V centre{record[0], record[1], record[2]}, low{record[3], record[4], record[5]};
+        return fma(outward, record[6], centre) + low;
+    }
     // The point, off the sphere as paths leave it.
     template <class Row>
     static VR_HD Emission emit(const Row& row, Numbers r) {
-        F record[kSphereFloats];
-        record_of(row, record);
-        const V out = Base::any_direction(r.u, r.v), centre{record[0], record[1], record[2]},
-                low{record[3], record[4], record[5]};
-        const F side = select(row(kLightN) < F(0.f), F(-1.f), F(1.f)), radius = record[6];
+        const V out = Base::any_direction(r.u, r.v);
+        const F side = select(row(kLightN) < F(0.f), F(-1.f), F(1.f)), radius = row(kLightP + 6);
         Emission e;
-        e.p = fma(out, radius, centre) + low;
+        e.p = point(row, out);
         const F offset =
             fma(sqrt(dot(e.p, e.p)), F(kSphereOffset), radius * F(kSphereOffsetRadius));
         const V n = out * side;

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -89,21 +89,27 @@ def ball(m: Array) -> Surface:
     return at
 
 
-@functools.cache
-def irradiance(lamp: str, image: str) -> Array:
-    """What a lamp gives to a patch at the origin with the normal +z: the midpoint rule, off by
-    2e-6."""
-    surface, texels = LAMPS[lamp][1], IMAGES[image].astype(np.float64)
-    height, width, _ = texels.shape
+def parts(lamp: str) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Coordinates u (m,) and v (n,) of parts of a lamp, the places there (n, m, 3), and what they
+    give, per radiance, to a patch at the origin with the normal +z: the midpoint rule."""
     middle = (np.arange(STEPS) + 0.5) / STEPS
-    total = np.zeros((height, width))
     for v in np.array_split(middle, 48):
         u, rows = np.meshgrid(middle, v)
-        p, area = surface(u, rows)
+        p, area = LAMPS[lamp][1](u, rows)
         square, facing = (np.einsum("vuk,vuk->vu", p, q) for q in (p, area))
-        share = np.maximum(p[..., 2], 0) * np.maximum(-facing, 0) / square**2
-        total += between(v, height).T @ share @ between(middle, width)
-    return np.einsum("vu,vuc->c", total, texels) / STEPS**2
+        given = np.maximum(p[..., 2], 0) * np.maximum(-facing, 0) / square**2
+        yield middle, v, p, given / STEPS**2
+
+
+@functools.cache
+def irradiance(lamp: str, image: str) -> Array:
+    """What a lamp gives to the patch, off by 2e-6."""
+    texels = IMAGES[image].astype(np.float64)
+    height, width, _ = texels.shape
+    total = np.zeros((height, width))
+    for u, v, _, given in parts(lamp):
+        total += between(v, height).T @ given @ between(u, width)
+    return np.einsum("vu,vuc->c", total, texels)
 
 
 def turned(height: float, half: float, aside: float = 0.0) -> Array:
@@ -157,6 +163,29 @@ def textured_lamp_over_a_patch(t: Trial, lamp: str, image: str) -> None:
     exact = ALBEDO / math.pi * irradiance(lamp, image)
     spp = 1_000_000 if image == "noise" else 4_000_000
     t.agrees(scene(eye, ground, shining, max_depth=2), exact, spp, sees=0.02)
+
+
+@case(3, each={"lamp": LAMPS}, quick=lambda lamp: list(LAMPS).index(lamp) % 2 == 0)
+def lamp_in_a_grid(t: Trial, lamp: str) -> None:
+    """A point under a lamp whose radiance a grid in space gives where each point of it is: rho E /
+    pi, with E by quadrature. Eight cells around the lamp, interpolated. Sees 2 %."""
+    cells = t.rng.uniform(0, 4, (2, 2, 2, 3)).astype(np.float32)  # (z, y, x, channels)
+    low, size = np.array([0.2, -0.6, -0.7]), np.array([2.5, 1.4, 2.6])
+    box = np.diag([*size, 1.0])
+    box[:3, 3] = low
+    corner = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    exact = np.zeros(3)
+    for _, _, p, given in parts(lamp):
+        share = np.clip(2 * (p - low) / size - 0.5, 0, 1)  # of the upper cell of each axis
+        for x, y, z in corner:
+            weight = np.prod(np.where([x, y, z], share, 1 - share), axis=-1)
+            exact += (given * weight).sum() * cells[z, y, x]
+    light = {"type": "area", "radiance": {"type": "volume", "v": {
+        "type": "gridvolume", "data": cells, "raw": True, "to_world": box}}}  # fmt: skip
+    shining = {**LAMPS[lamp][0], "bsdf": BLACK, "emitter": light}
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 0.5, diffuse(ALBEDO))
+    seen = scene(view([-0.35, 0.2, 0.08], [0, 0, 0]), ground, shining, max_depth=2)
+    t.agrees(seen, ALBEDO / math.pi * exact, 1_000_000, sees=0.02)
 
 
 @case(3, each={"wrap": WRAPS, "window": WINDOWS, "kind": KINDS},

@@ -156,6 +156,34 @@ def beer_lambert_in_a_grid(t: Trial, axis: str, wrap: str, filter_: str, colours
     t.agrees(seen, np.exp(-tau), 800_000, sees=0.02)
 
 
+#: Panes one behind another: what each lets through.
+PANES = {"red": [(1, 0, 0)], "black": [(0, 0, 0)], "red, then blue": [(1, 0, 0), (0, 0, 1)]}
+
+
+@case(3, each={"panes": PANES, "fog": ("even", "grid"), "kind": ("thindielectric", "dielectric")})
+def panes_in_coloured_ink(t: Trial, panes: str, fog: str, kind: str) -> None:
+    """A lamp behind coloured ink in which there are panes of index 1: their product and
+    exp(-tau). Exactly 0, and no sample refused, where nothing is left. Sees 2 %."""
+    tau = np.array([0.5, 1.0, 2.0])
+    ink = medium(tau, 0.0)
+    if fog == "grid":
+        cells = tau * np.array([[0.5], [1.5]])
+        ink = heterogeneous(box_of([-50, -50, 0], [50, 50, 1], cells.reshape(2, 1, 1, 3)), 0.0)
+    slab = cuboid([-50, -50, 0], [50, 50, 1], NULL, interior=ink)
+    sheets = [flat("rectangle", [0, 0, z], [0, 0, 1], 40,
+                   {**glass(1.0, kind=kind), "specular_transmittance": rgb(through)})
+              for z, through in zip((0.7, 0.6), PANES[panes], strict=False)]  # fmt: skip
+    if kind == "dielectric":  # the medium on both sides
+        sheets = [{**sheet, "interior": ink, "exterior": ink} for sheet in sheets]
+    lamp = flat("rectangle", [0, 0, -1], [0, 0, 1], 50, BLACK, 1)
+    seen = scene(view([0.1, 0.2, 5], [0.1, 0.2, 0], 1e-3), slab, *sheets, lamp)
+    exact = np.exp(-tau) * np.prod(PANES[panes], axis=0)
+    if exact.any():
+        t.agrees(seen, exact, 400_000, sees=0.02)
+    else:
+        t.check(not t.render(seen, 20_000).image.any(), "light from nowhere")
+
+
 @case(3, each={"shells": (1, 3)})
 def shadow_rays_in_a_grid(t: Trial, shells: int) -> None:
     """A point light in balls of uneven ink over a floor.

@@ -183,6 +183,8 @@ LINES = {
     "blend of one phase function": (MEDIUM.format('<phase type="blendphase"><float name="weight" value="0.5"/><phase type="hg"/></phase>'), "blendphase has 1 of the 2 phases that it needs; allowed: isotropic, hg, rayleigh, tabphase, sggx, blendphase"),
     "blend without weight": (MEDIUM.format('<phase type="blendphase"><phase type="hg"/><phase type="hg"/></phase>'), 'blendphase: "weight" (number) is missing'),
     "blend beyond 1": (MEDIUM.format('<phase type="blendphase"><float name="weight" value="1.5"/><phase type="hg"/><phase type="hg"/></phase>'), 'blendphase: "weight" = 1.5 is outside [0, 1]'),
+    "coloured blend": (MEDIUM.format('<phase type="blendphase"><volume type="constvolume" name="weight"><rgb name="value" value="0.1 0.2 0.3"/></volume><phase type="hg"/><phase type="hg"/></phase>'), 'constvolume holds [0.1, 0.2, 0.3]; weight takes 1 numbers'),
+    "volume beyond 1": (MEDIUM.format('<phase type="blendphase"><volume type="constvolume" name="weight"><float name="value" value="1.5"/></volume><phase type="hg"/><phase type="hg"/></phase>'), 'blendphase: "weight" = 1.5 is outside [0, 1]'),
     "two phase functions": (MEDIUM.format('<phase type="hg"/><phase type="hg"/>'), "has 2 objects of category phase"),
     "asymmetry 1": (MEDIUM.format('<phase type="hg"><float name="g" value="1"/></phase>'), 'hg: "g" = 1.0 is outside (-1, 1)'),
     "sphere as an emitter": ('<emitter type="sphere"/>', 'unknown emitter "sphere"; allowed: area, constant, directional, directionalarea, envmap, point, projector, spot, sunsky, timed_sunsky'),

@@ -346,6 +346,10 @@ def test_phase_functions():
     assert scene.phase_values.tolist() == [0.25, 0, 1]
     assert scene.phase_lobe.tolist() == [0] and scene.phase_lobes.tolist() == [3]
     assert "g" not in {name.rpartition(".")[2] for name in scene.parameters()}
+    for volume in ({"type": "constvolume", "value": 0.75},
+                   {"type": "gridvolume", "grid": np.full((2, 3, 1), 0.75)}):  # fmt: skip
+        blend = {"type": "blendphase", "weight": volume, "a": {"type": "rayleigh"}, "b": inner}
+        assert lobes_of(blend).lobe_share.tolist() == [0.25, 0.375, 0.375]
     assert lobes_of({"type": "hg", "g": 0.5}).phase_lobe.tolist() == [-1]
 
 

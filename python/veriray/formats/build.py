@@ -616,10 +616,10 @@ class _Builder:
         values = {**values, given: values[given] * area}
         return *volumes.medium(node, values, filled, self.volumes(node), self.grids), lobes
 
-    def numbers(self, node: Node, count: int) -> list[float] | None:
-        """So many numbers of the one grid of a phase function, if all its cells hold the same."""
-        given = self.volumes(node, ("S",)).get("S")
-        return None if given is None else self.grids.numbers_of(*given, count, "S")
+    def numbers(self, node: Node, count: int, name: str) -> list[float] | None:
+        """So many numbers of a phase function's volume, if they are the same everywhere."""
+        given = self.volumes(node, (name,)).get(name)
+        return None if given is None else self.grids.numbers_of(*given, count, name)
 
     def volumes(self, node: Node, names: tuple[str, ...] = ("albedo", "sigma_t")) -> volumes.Given:
         """The volumes of a medium or phase function by the parameter that they give."""

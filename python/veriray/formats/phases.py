@@ -17,8 +17,8 @@ from .node import Node, parse_float
 _DEEPEST = 16
 #: A node's objects by category, and its checked parameters.
 Check = Callable[[Node], tuple[dict[str, list[Node]], dict[str, Any]]]
-#: The numbers of a node's grid, the same in all cells; None without a grid.
-Numbers = Callable[[Node, int], list[float] | None]
+#: The numbers of a node's volume of that name, the same everywhere; None without one.
+Numbers = Callable[[Node, int, str], list[float] | None]
 #: A lobe: its node, its row but for the place of its values, and these.
 Lobe = tuple[Node, materials.Row, list[float]]
 #: Least over greatest of the areas of flakes, squared.
@@ -44,8 +44,12 @@ def _add(
     parts, values = check(node)
     if node.plugin == "blendphase":
         weight = values["weight"]
+        if (volume := numbers(node, 1, "weight")) is not None:
+            (weight,) = volume
         if weight is None:
             raise SceneError(f'{node}: "weight" (number) is missing', node.where)
+        if not 0 <= weight <= 1:
+            raise SceneError(f'{node}: "weight" = {weight:g} is outside [0, 1]', node.where)
         for child, part in zip(parts["phase"], (1 - weight, weight), strict=True):
             _add(child, share * part, check, numbers, depth + 1, found)
         return 1.0
@@ -58,7 +62,7 @@ def _add(
     elif node.plugin == "hg":
         row["lobe_g"] = values["g"]
     elif node.plugin == "sggx":
-        row["lobe_flakes"], area = _flakes(node, numbers(node, 6))
+        row["lobe_flakes"], area = _flakes(node, numbers(node, 6, "S"))
     kind = "hg" if node.plugin == "isotropic" else node.plugin
     row["lobe_kind"] = PHASE_KINDS.index(kind)
     if np.float32(share):

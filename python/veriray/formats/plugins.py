@@ -1044,8 +1044,16 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "blendphase": Plugin(
         "phase",
-        {"weight": Param("float", None, 0.0, 1.0, doc="share of the second one, required")},
-        {"phase": (_PHASES, 2, 2)},
+        {
+            "weight": Param(
+                "float",
+                None,
+                0.0,
+                1.0,
+                doc="share of the second one, required; a volume of the same number everywhere too",
+            )
+        },
+        {"phase": (_PHASES, 2, 2), "volume": (_VOLUMES, 0, 1)},
         doc="the first one in part, the second for the rest; they may be blends",
     ),
     "area": Plugin(

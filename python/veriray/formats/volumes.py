@@ -137,7 +137,13 @@ class Grids:
         return cells, matrix
 
     def numbers_of(self, node: Node, values: dict[str, Any], count: int, use: str) -> list[float]:
-        """The numbers of a gridvolume whose cells all hold the same."""
+        """The numbers of a volume that are the same everywhere."""
+        if node.plugin == "constvolume":
+            found = list(values["color"] or values["value"])
+            found = found[:1] if len(set(found)) == 1 else found
+            if len(found) != count:
+                raise SceneError(f"{node} holds {found}; {use} takes {count} numbers", node.where)
+            return found
         cells = self._read(node, values)[0]
         if cells.shape[3] != count:
             raise SceneError(

@@ -114,7 +114,7 @@ FLAT_MAPS: dict[str, Dict] = {
 def flat_maps_on_a_ball_of_faces(t: Trial, glass: str, map_: str) -> None:
     """Smooth glass with the normals of a ball on 80 faces, and a map that is flat, in a sky of 1.
 
-    1, as without a map; of 8 bits within 5e-3 a pixel, as normals are turned by 0.3 degrees. Sees 1 %.
+    1, as without a map. 8 bits turn normals by 0.3 degrees: within 5e-3 per pixel. Sees 1 %.
     """
     body = trimesh.creation.icosphere(1)
     shape = {

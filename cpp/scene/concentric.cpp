@@ -69,7 +69,7 @@ void HostScene::part_concentric(const SceneInput& in) {
     };
     const auto to_lamp = [&](uint32_t i) {
         return in.sphere_emission.data[i] >= 0
-                   ? static_cast<double>(kLocalOffset) * shadow_length(2 * radius[i])
+                   ? static_cast<double>(kLocalOffset) * shadow_length(2 * radius[i], false)
                    : 0;
     };
     shrink_copies(in, places, fixed, apart, radius, moves);

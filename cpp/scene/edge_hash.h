@@ -20,5 +20,10 @@ inline uint64_t hashed(Double3 p) {
 // Of opposite sign for a -> b and b -> a: the sum over all edges is 0 if a surface is closed and
 // consistently wound, and otherwise with a probability of 2^-64.
 inline uint64_t edge(uint64_t a, uint64_t b) { return mixed(a + 3 * b) - mixed(b + 3 * a); }
+// Of a triangle.
+inline uint64_t edges(const Flat& f) {
+    const uint64_t h[3] = {hashed(f.v[0]), hashed(f.v[1]), hashed(f.v[2])};
+    return edge(h[0], h[1]) + edge(h[1], h[2]) + edge(h[2], h[0]);
+}
 
 }  // namespace veriray

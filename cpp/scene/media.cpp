@@ -74,9 +74,7 @@ std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
     for (size_t i = 0; i < in.triangles.count && in.boundaries.count > 0; ++i) {
         if (in.boundary(kTriangleGroup).data[i] < 0) continue;
         const Flat f = triangle(in, i);
-        const uint64_t h[3] = {hashed(f.v[0]), hashed(f.v[1]), hashed(f.v[2])};
-        bound(kTriangleGroup, i, edge(h[0], h[1]) + edge(h[1], h[2]) + edge(h[2], h[0]),
-              dot(f.v[0], cross(f.v[1], f.v[2])));
+        bound(kTriangleGroup, i, edges(f), dot(f.v[0], cross(f.v[1], f.v[2])));
     }
     for (size_t i = 0; i < in.spheres.count; ++i) {
         if (in.boundary(kSphereGroup).data[i] < 0) continue;

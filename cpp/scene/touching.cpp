@@ -7,7 +7,8 @@
 // are then separated by twice the offset of paths that leave them, and, unless they are only
 // borders of media (DirectLight::swapped), by what rays from 64 sizes of the body resolve. The
 // order is that of the exact input; of bodies in one plane the smaller lies within the larger, and
-// of equal ones the later within the earlier. A surface keeps its edges, so bodies stay closed.
+// of equal ones the later within the earlier; sheets lie outside. A surface keeps its edges, so
+// bodies stay closed.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include "scene/box_pairs.h"
+#include "scene/edge_hash.h"
 #include "scene/touching.h"
 
 namespace veriray {
@@ -268,22 +270,26 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
     const auto exact = [&](uint32_t i) {
         return exact_plane(in, centre, unit, sources[i], rounded_plane(i).n);
     };
-    // Primitives of one surface are a body.
+    // Primitives of one surface are a body, or sheets, if they have one normal.
     struct Body {
         Box box;
         bool clear;
+        Double3 n;
+        bool sheets = true;
     };
-    std::map<std::tuple<uint32_t, int32_t, int32_t>, Body> bodies;
+    std::map<SurfaceKey, Body> bodies;
     std::vector<const Body*> body(planar, nullptr);
     Body* last = nullptr;
     for (uint32_t i = 0; i < planar; ++i) {
         const PrimitiveSource& s = sources[i];
         const Box box = box_around(in, i);
+        const Double3 n = rounded_plane(i).n;
         if (!last || !s.same_surface(sources[i - 1])) {
-            const auto key = std::tuple(s.material, s.emission, s.boundary);
-            last = &bodies.try_emplace(key, Body{box, is_clear(i)}).first->second;
+            const SurfaceKey key{s.material, s.emission, s.boundary};
+            last = &bodies.try_emplace(key, Body{box, is_clear(i), n}).first->second;
         }
         last->box = around(last->box, box);
+        last->sheets = last->sheets && !(length(cross(n, last->n)) > kParallel);
         body[i] = last;
     }
     const std::vector<uint32_t> large =
@@ -307,8 +313,38 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         return length(body[i]->box.high - body[i]->box.low);
     };
     const auto holds = [&](uint32_t a, uint32_t b) {
+        if (body[a]->sheets != body[b]->sheets) return body[a]->sheets;  // nothing is within those
         const double more = size_of_body(a) - size_of_body(b);
         return std::abs(more) > kSameSize * size_of_body(a) ? more > 0 : a < b;
+    };
+    // Whether the body of a face is of closed meshes and stops straight light. Asked only of those
+    // that touch lamps.
+    std::once_flag asked;
+    std::map<SurfaceKey, uint64_t> edges_of;  // 0 of closed meshes
+    const auto is_solid = [&](uint32_t i) {
+        std::call_once(asked, [&] {
+            const auto add = [&](ShapeGroup group, size_t count, const auto& edges) {
+                SurfaceKey last{~0u, 0, 0};
+                uint64_t* sum = nullptr;
+                for (size_t k = 0; k < count; ++k) {
+                    const SurfaceKey key{in.material(group).data[k], in.emission(group).data[k],
+                                         in.boundary(group).data[k]};
+                    if (key != last)
+                        sum = lets_through(in, group, static_cast<uint32_t>(k)) ? &edges_of[key]
+                                                                                : nullptr;
+                    last = key;
+                    if (sum) *sum += edges(k);
+                }
+            };
+            add(kTriangleGroup, in.triangles.count,
+                [&](size_t k) { return edges(triangle(in, k)); });
+            add(kDiskGroup, in.disks.count, [](size_t) { return uint64_t{1}; });
+        });
+        const PrimitiveSource& s = sources[i];
+        return edges_of.at({s.material, s.emission, s.boundary}) == 0 &&
+               !in.either(s.material, [&](uint32_t m) {
+                   return closure_traits(in.material_kind.data[m]).passes || covers_partly(in, m);
+               });
     };
     const bool flat = records.empty();
     const double further = most_moved - kMostMoved;  // what moved faces may come to
@@ -371,8 +407,9 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         // Shadow rays end before the lamp that a body touches (lights/light.h), but must meet the
         // body's face first.
         if (to.emission >= 0 && !near)
-            t.want += static_cast<double>(kLocalOffset) *
-                      (terms(box_around(in, other), b.n) + extent + shadow_length(extent));
+            t.want +=
+                static_cast<double>(kLocalOffset) *
+                (terms(box_around(in, other), b.n) + extent + shadow_length(extent, is_solid(own)));
         const double slope = heights(common, g, -dot(g, p)).second;
         t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
         if (t.far && t.apart < t.want) return apart();

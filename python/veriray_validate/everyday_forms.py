@@ -278,6 +278,15 @@ def shining(rng: np.random.Generator, lower: str, upper: str, way: str) -> Quest
                     ends=off == 0)  # fmt: skip
 
 
+def lamp_on_glass(rng: np.random.Generator) -> Question:
+    """A lamp that stands on a body of glass on a large ball, in contact or nearly: invisible."""
+    x = contact(rng, str(rng.choice(sorted(REFRACTS))), "lamp", "stands")
+    forms = str(rng.choice(FLAT_FORMS)), str(rng.choice(FLAT_FORMS))
+    planet = 10 ** float(rng.uniform(1, 4))
+    x = replace(x, forms=forms, gap=a_gap(rng), planet=planet)
+    return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True, ends=False)
+
+
 def balls(rng: np.random.Generator) -> Question:
     """A ball within a clear ball of nearly its size, on the floor: invisible.
 

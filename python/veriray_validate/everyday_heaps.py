@@ -80,7 +80,7 @@ def heap(rng: np.random.Generator) -> Question:
     kind = str(rng.choice(list(SHEETS)))  # in one place either may be above
     tall = rng.random() < 0.2
     sheets = tuple(
-        (kind, float(rng.uniform(0.5, 0.9)), bool(rng.random() < 0.5))
+        (kind, float(rng.uniform(0.15, 0.9)), bool(rng.random() < 0.5))
         for _ in range(int(rng.integers(7 if tall else 3)))
     )
     bodies = tuple(map(str, rng.choice(BODIES, int(rng.integers(not sheets, 7 if tall else 4)))))
@@ -93,7 +93,7 @@ def heap(rng: np.random.Generator) -> Question:
         a_gap(rng, 3e-6) if rng.random() < (0.1 if tall else 0.5) else 0.0 for _ in range(count)
     ]
     x = Heap(
-        sheets, bodies, float(rng.uniform(0.3, 0.45)), float(rng.uniform(0.1, 0.4)),
+        sheets, bodies, float(rng.uniform(0.3, 0.45)), float(rng.uniform(0.1, 1.2)),
         tuple(0.0 if single and g < FLOAT32 else g for g in gaps),
         tuple(int(rng.integers(50, 65) if many else 2 ** rng.uniform(0, 4))
               for _ in range(count + 1)),

@@ -71,6 +71,16 @@ def round_bodies_that_touch_are_not_seen(t: Trial, lower: str, scenes: int) -> N
         ask(t, everyday_forms.shining(t.rng, lower, KINDS[k % len(KINDS)], way))
 
 
+@case(3, each={"scenes": (10, 60)}, quick=lambda scenes: scenes == 10)
+def lamps_on_glass_are_not_seen(t: Trial, scenes: int) -> None:
+    """Lamps of 1 that stand on bodies of glass on balls of radius 10 to 10,000, walls of 1: 1.
+
+    Margin 1e-4; sees 2 % in each scene.
+    """
+    for _ in range(scenes):
+        ask(t, everyday_forms.lamp_on_glass(t.rng))
+
+
 @case(3, each={"scenes": (20, MANY)}, quick=lambda scenes: scenes == 20)
 def balls_within_balls_are_not_seen(t: Trial, scenes: int) -> None:
     """Balls in clear balls that are larger by at most 1e-6, among walls of 1: 1.

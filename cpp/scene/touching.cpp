@@ -407,9 +407,9 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         // Shadow rays end before the lamp that a body touches (lights/light.h), but must meet the
         // body's face first.
         if (to.emission >= 0 && !near)
-            t.want +=
-                static_cast<double>(kLocalOffset) *
-                (terms(box_around(in, other), b.n) + extent + shadow_length(extent, is_solid(own)));
+            t.want += static_cast<double>(kLocalOffset) *
+                      (terms(box_around(in, other), b.n) + extent +
+                       shadow_length(extent, turn < 0 && is_solid(own)));
         const double slope = heights(common, g, -dot(g, p)).second;
         t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
         if (t.far && t.apart < t.want) return apart();

@@ -16,9 +16,9 @@ static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
 inline constexpr int kMostLayers = 32;
 
 // The length of shadow rays to a lamp, of which they lack 2^-21 (kShadowShorten), that counts for a
-// body of that size which touches it. Solid: rays to the lamp through its face there begin within
-// it. Of others it is less than any such ray only where faces would move by more than 2^-9 of the
-// body.
+// body of that size which touches it. Of one that is solid and before the lamp, rays to the lamp
+// begin within it. Of others it is less than any such ray only where faces would move by more than
+// 2^-9 of the body.
 inline double shadow_length(double extent, bool solid) {
     return std::min(4., (solid ? 1 : 0x1p12) * extent);
 }

@@ -173,11 +173,10 @@ def lamp_in_a_grid(t: Trial, lamp: str) -> None:
     low, size = np.array([0.2, -0.6, -0.7]), np.array([2.5, 1.4, 2.6])
     box = np.diag([*size, 1.0])
     box[:3, 3] = low
-    corner = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     exact = np.zeros(3)
     for _, _, p, given in parts(lamp):
         share = np.clip(2 * (p - low) / size - 0.5, 0, 1)  # of the upper cell of each axis
-        for x, y, z in corner:
+        for x, y, z in np.ndindex(2, 2, 2):
             weight = np.prod(np.where([x, y, z], share, 1 - share), axis=-1)
             exact += (given * weight).sum() * cells[z, y, x]
     light = {"type": "area", "radiance": {"type": "volume", "v": {

@@ -7,8 +7,8 @@
 // starts within rounding of a neighbour's plane counts as in front of it: records hold the plane
 // kPlaneSlack behind the surface.
 //
-// The back of a one-sided face has no rim, which would stick out behind the silhouette of a body.
-// Seen from there, the face ends at its own edges, to rounding: at |U.p + w| <= rim[0],
+// The back of a one-sided face has no rim along the silhouette of a body, behind which it would
+// stick out. Seen from there, the face ends at its own edges, to rounding: at |U.p + w| <= rim[0],
 // |V.p + w| <= rim[1] for a quad, e.p + w >= rim[k] for a polygon.
 #pragma once
 

@@ -1,4 +1,5 @@
-// The rims of faces without a tree (geometry/polygon.h); the backs of one-sided faces have none.
+// The rims of faces without a tree (geometry/polygon.h); the backs of one-sided faces have none at
+// edges of a body's silhouette.
 #pragma once
 
 #include "integrators/surface.h"
@@ -26,15 +27,13 @@ struct Rims : SurfaceReader<L, kFeatures> {
                          valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f)));
     }
 
-    // Those lanes of `back` whose hit is on the rim of its face.
-    static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M back) {
-        if (none(back)) return back;
-        const U prim = select(back, hit.primitive, U(0u));
-        const V p = ray.at(hit.t);
+    // Those lanes of `valid` whose point p, on the plane of the face, is off its rim on the inside,
+    // or, for `wide`, within it or no further from it than it is wide.
+    static VR_HD M within(const SceneView& scene, U prim, V p, M valid, bool wide) {
+        prim = select(valid, prim, U(0u));
         const M quad = prim < U(scene.quad_count);
         const U i = select(quad, prim, prim + U(0u - scene.quad_count)) *
                     select(quad, U(kQuadFloats), U(kPolygonFloats));
-        M inside = back;
         for (uint32_t k = 0; k < 4; ++k) {
             F edge[4];
             for (uint32_t c = 0; c < 4; ++c) {
@@ -44,9 +43,27 @@ struct Rims : SurfaceReader<L, kFeatures> {
                            gather(scene.polygons + at, select(quad, U(0u), i)));
             }
             const F e = height_over<L>(edge, p), rim = primitive_column(scene, prim, kPrimRim + k);
-            inside = inside & (((e >= rim) & !quad) | (quad & (k < 2 ? abs(e) <= rim : quad)));
+            const F far = wide ? F(2.f) - rim : rim, near = wide ? -rim : rim;
+            valid = valid & (((e >= near) & !quad) | (quad & (k < 2 ? abs(e) <= far : quad)));
         }
-        return back & !inside;
+        return valid;
+    }
+
+    // Those lanes of `back` whose hit is on the rim of its face, at an edge of the silhouette: no
+    // other face shows its back there.
+    static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M back) {
+        if (none(back)) return back;
+        const V p = ray.at(hit.t);
+        M rim = back & !within(scene, hit.primitive, p, back, false);
+        for (uint32_t i = 0; any(rim) && i < scene.quad_count + scene.polygon_count; ++i) {
+            const V n = primitive_column3(scene, U(i), kPrimN);
+            const F height = dot(n, p) - primitive_column(scene, U(i), kPrimPlane);
+            rim = rim & !within(scene, U(i), p,
+                                rim & !(hit.primitive == U(i)) & (dot(n, ray.d) > F(0.f)) &
+                                    (abs(height) <= F(2 * kEdgeSlack)),
+                                true);
+        }
+        return rim;
     }
 
     static VR_HD bool none_here(const SceneView& scene) {

@@ -48,18 +48,13 @@ void drop_lit(const SceneInput& in, const std::vector<Enclosure>& all,
 // that is straight, no lamp is inside, and paths get in by its walls alone.
 std::vector<MediumWalls> HostScene::media_walls(const SceneInput& in) const {
     std::vector<Enclosure> media(in.sigma_t.count + 1);
-    const auto clear = [&](uint32_t material) {
-        return in.either(material, [&](uint32_t m) {
-            return closure_traits(in.material_kind.data[m]).passes || covers_partly(in, m);
-        });
-    };
     // volume: behind the front, times 6
     const auto bound = [&](ShapeGroup group, size_t i, uint64_t edges, double volume) {
         const int32_t* border = in.boundaries.data + 2 * in.boundary(group).data[i];
         media[static_cast<size_t>(border[1] + 1)].outside = true;
         if (border[0] == border[1]) return;
         const Box box = veriray::box_around(in, group, i);
-        const bool passes = clear(in.material(group).data[i]);
+        const bool passes = passes_straight(in, in.material(group).data[i]);
         for (const int k : {0, 1}) {
             Enclosure& m = media[static_cast<size_t>(border[k] + 1)];
             const uint32_t other = static_cast<uint32_t>(border[1 - k] + 1);

@@ -377,6 +377,8 @@ class HostScene : public Frame {
 void check_input(const SceneInput& in, const SceneInput* known);
 // Whether light goes past a material, as through a mask; not looked at: what a blend adds to it.
 bool covers_partly(const SceneInput& in, uint32_t material);
+// Whether light goes straight through or past a material, or what it blends with.
+bool passes_straight(const SceneInput& in, uint32_t material);
 // Whether a material lets light through, or its blend does.
 bool clear_material(const SceneInput& in, uint32_t material);
 std::string number(double x);

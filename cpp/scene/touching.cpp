@@ -17,6 +17,7 @@
 #include <tuple>
 #include <vector>
 
+#include "scene/bodies.h"
 #include "scene/box_pairs.h"
 #include "scene/edge_hash.h"
 #include "scene/touching.h"
@@ -33,8 +34,6 @@ constexpr double kDeepest = 8;
 // that move.
 constexpr double kLeastTerms = 0x1p-20;
 static_assert(kLeastTerms >= 0x1p-22 * static_cast<double>(kLocalMove));
-// The largest difference of normals of planes that touch; others are that near only along a line.
-constexpr double kParallel = 0x1p-10;
 // Beyond this difference, 45 degrees, rays that leave one plane do not reach the other.
 constexpr double kAcross = 0.75;
 // The largest sine between a face and an opaque ball below it, where they are closest, for the face
@@ -51,8 +50,6 @@ constexpr size_t kMostPairs = size_t{1} << 26;
 constexpr double kRoundedCorner = 0x1p-40, kRoundedFile = 0x1p-21;
 // The largest number of bodies near which small faces are looked for, too.
 constexpr size_t kMostBodies = 64;
-// The largest relative difference in size of bodies that count as equal.
-constexpr double kSameSize = 1e-6;
 
 // A plane n.p + w = 0.
 struct Plane {
@@ -185,6 +182,11 @@ Box ball_box(const SceneInput& in, size_t k, Double3 centre, double unit) {
 bool covers_partly(const SceneInput& in, uint32_t material) {
     return in.opacity.data[material] < 1 || in.opacity_texture.data[material] >= 0;
 }
+bool passes_straight(const SceneInput& in, uint32_t material) {
+    return in.either(material, [&](uint32_t m) {
+        return closure_traits(in.material_kind.data[m]).passes || covers_partly(in, m);
+    });
+}
 bool clear_material(const SceneInput& in, uint32_t material) {
     return in.either(material, [&](uint32_t m) {
         return closure_traits(in.material_kind.data[m]).lets_through() || covers_partly(in, m);
@@ -270,53 +272,26 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
     const auto exact = [&](uint32_t i) {
         return exact_plane(in, centre, unit, sources[i], rounded_plane(i).n);
     };
-    // Primitives of one surface are a body, or sheets, if they have one normal.
-    struct Body {
-        Box box;
-        bool clear;
-        Double3 n;
-        bool sheets = true;
-    };
-    std::map<SurfaceKey, Body> bodies;
-    std::vector<const Body*> body(planar, nullptr);
-    Body* last = nullptr;
-    for (uint32_t i = 0; i < planar; ++i) {
-        const PrimitiveSource& s = sources[i];
-        const Box box = box_around(in, i);
-        const Double3 n = rounded_plane(i).n;
-        if (!last || !s.same_surface(sources[i - 1])) {
-            const SurfaceKey key{s.material, s.emission, s.boundary};
-            last = &bodies.try_emplace(key, Body{box, is_clear(i), n}).first->second;
-        }
-        last->box = around(last->box, box);
-        last->sheets = last->sheets && !(length(cross(n, last->n)) > kParallel);
-        body[i] = last;
-    }
+    Bodies bodies;
+    for (uint32_t i = 0; i < planar; ++i)
+        bodies.add(sources[i], box_around(in, i), rounded_plane(i).n, is_clear(i));
     const std::vector<uint32_t> large =
         largest_faces(in, planar, std::min(planar, kMostPairs / clear.size()));
     // Beyond them, faces of different bodies, one of which lets light through, where both are.
     std::vector<uint32_t> small, close;
-    if (large.size() < planar && bodies.size() <= kMostBodies) {
+    if (large.size() < planar && bodies.all().size() <= kMostBodies) {
         std::vector<bool> is_large(planar, false);
         for (const uint32_t i : large) is_large[i] = true;
         for (uint32_t i = 0; i < planar; ++i) {
             const Box box = box_around(in, i);
             bool by_any = false, by_clear = false;
-            for (const auto& [key, other] : bodies)
-                if (&other != body[i] && meet(widened(other.box, 0), box))
+            for (const auto& [key, other] : bodies.all())
+                if (&other != &bodies.of(i) && meet(widened(other.box, 0), box))
                     by_any = true, by_clear = by_clear || other.clear;
             if (by_clear && !is_large[i]) small.push_back(i);
-            if (by_any && body[i]->clear) close.push_back(i);
+            if (by_any && bodies.of(i).clear) close.push_back(i);
         }
     }
-    const auto size_of_body = [&](uint32_t i) {
-        return length(body[i]->box.high - body[i]->box.low);
-    };
-    const auto holds = [&](uint32_t a, uint32_t b) {
-        if (body[a]->sheets != body[b]->sheets) return body[a]->sheets;  // nothing is within those
-        const double more = size_of_body(a) - size_of_body(b);
-        return std::abs(more) > kSameSize * size_of_body(a) ? more > 0 : a < b;
-    };
     // Whether the body of a face is of closed meshes and stops straight light. Asked only of those
     // that touch lamps.
     std::once_flag asked;
@@ -342,9 +317,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         });
         const PrimitiveSource& s = sources[i];
         return edges_of.at({s.material, s.emission, s.boundary}) == 0 &&
-               !in.either(s.material, [&](uint32_t m) {
-                   return closure_traits(in.material_kind.data[m]).passes || covers_partly(in, m);
-               });
+               !passes_straight(in, s.material);
     };
     const bool flat = records.empty();
     const double further = most_moved - kMostMoved;  // what moved faces may come to
@@ -362,7 +335,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
         const double size = std::max(terms(common, a.n), terms(common, b.n));
         const Double3 g = b.n - a.n * turn;
-        const double extent = size_of_body(own);
+        const double extent = bodies.of(own).size();
         const bool near = is_border(own) && (!other_clear || is_border(other));
         const double seen = near ? 0 : std::min(0.5, 32 * extent);
         const double want = kParted * (std::max(size, kLeastTerms) + seen);
@@ -370,7 +343,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         const bool same = from.same_surface(to);
         if (turn > 0 && same) return true;
         const auto [least, most] = heights(common, g, b.w - a.w * turn);
-        const bool parallel = !(length(g) > kParallel);
+        const bool parallel = !(length(g) > Bodies::kParallel);
         const double limit = 2 * want + coarse;
         // They meet along a line, and a ray from a point near it leaves one and not the other; or
         // they are closer than the rounding at their corners, if not than that here, and a ray that
@@ -400,7 +373,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
         if (turn < 0)
             t.out = same && beyond > 0;  // a thin body's two sides
         else if (other_clear)
-            t.out = t.above = beyond > 0 || (beyond == 0 && holds(own, other));
+            t.out = t.above = beyond > 0 || (beyond == 0 && bodies.holds(own, other));
         else
             t.out = t.rests = beyond >= 0;
         if (coarse > 0 && turn > 0 && !t.out) t.want += 2 * static_cast<double>(kPlaneSlack);
@@ -430,7 +403,8 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
     if (!small.empty())
         box_pairs(close.size(), around_faces(close), small.size(), boxes_of(small),
                   [&](size_t i, size_t k) {
-                      return body[close[i]] == body[small[k]] || look(close[i], small[k]);
+                      return &bodies.of(close[i]) == &bodies.of(small[k]) ||
+                             look(close[i], small[k]);
                   });
     std::sort(touches.begin(), touches.end());
     // A face that rests on an opaque one of its direction moves off it, and off what rests there
@@ -441,7 +415,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
     for (const Touch& t : touches) {
         if (t.far || is_clear(t.other) || (t.out && !t.rests)) continue;
         double& size = (t.rests ? rests_on : faces)[t.own];
-        size = std::max(size, size_of_body(t.other));
+        size = std::max(size, bodies.of(t.other).size());
     }
     for (uint32_t i = 0; i < planar; ++i) rests[i] = rests_on[i] > 0 && rests_on[i] >= faces[i];
     for (const Touch& t : touches)
@@ -473,7 +447,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
             const Double3 foot = c - a.n * height;
             const Double3 nearest = nearest_point(own, a.n, foot);
             const double apart = length(c - nearest) - in.spheres.data[4 * k + 3] / unit;
-            const double seen = std::min(0.5, 32 * size_of_body(own));
+            const double seen = std::min(0.5, 32 * bodies.of(own).size());
             const double want = kParted * (std::max(terms(box, a.n), kLeastTerms) + seen);
             if (height <= 0 || apart > 2 * want) return true;
             if (length(nearest - foot) > kOnBall * length(c - nearest)) return true;

@@ -493,6 +493,8 @@ TAKEN = {
     "alpha": (SENSOR.format(param("string", "pixel_format", "rgba"), ""), "radiance is written as rgb"),
     "banner": (SENSOR.format(param("boolean", "banner", "true"), ""), "no banner is drawn"),
     "border": (SENSOR.format(param("boolean", "sample_border", "true"), ""), "wherever the filter reaches"),
+    "file": (SENSOR.format(param("string", "filename", "a.jpg"), ""), "the picture is written as render asks"),
+    "rays": (SENSOR.format("", "") + param("boolean", "embree_use_robust_intersections", "true"), "no ray passes between neighbours"),
     "edges": (SENSOR.format(param("boolean", "high_quality_edges", "true"), ""), "wherever the filter reaches"),
     "gamma": (VIEW.replace("hdrfilm", "ldrfilm").replace("</film>", param("float", "gamma", 2.2) + "</film>"), 'ldrfilm: "gamma" = 2.2 has no effect'),
     "shutter": (SENSOR.format("", param("float", "shutter_open", 1)), "nothing in the scene moves"),

@@ -294,6 +294,24 @@ def test_normal_maps_and_conductors() -> None:
     assert "bsdf conductor of no material is a mirror" in " ".join(note for note, _ in notes)
 
 
+def test_first_names_of_bsdfs() -> None:
+    for old, new in (("mixture", "mixturebsdf"), ("bump", "bumpmap")):
+        body = '<scene><bsdf type="{}"><string name="weights" value="1"/><bsdf type="diffuse"/></bsdf></scene>'
+        assert upgraded(body.format(old))[0] == upgraded(body.format(new))[0]
+
+
+def test_mfilm_has_one_pixel() -> None:
+    side = '<integer name="{}" value="{}"/>'
+    for given, sizes in (
+        ("", {"width": "1", "height": "1"}),
+        ("width", {"width": "8", "height": "1"}),
+    ):
+        text, _ = upgraded(f'<film type="mfilm">{side.format(given, 8) if given else ""}</film>')
+        film = etree.fromstring(text)
+        assert film.get("type") == "hdrfilm"
+        assert {child.get("name"): child.get("value") for child in film} == sizes
+
+
 def test_even_light_is_told() -> None:
     light = '<emitter type="point"><spectrum name="intensity" value="{}"/></emitter>'
     assert [note for note, _ in upgraded(light.format("2"))[1]] == [

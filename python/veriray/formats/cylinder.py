@@ -23,26 +23,45 @@ from .node import Node
 
 Array = npt.NDArray[Any]
 SIDES = 256
+#: Longer ones, in radii, have rings; each is GROWTH times as far from an end or the middle as the
+#: one before.
+SLENDER, GROWTH = 2.0**12, 8.0
 
 
-@lru_cache(maxsize=1)
-def unit() -> Mesh:
+def rings(placed: Array) -> tuple[float, ...]:
+    """Where the faces end along the axis, of the unit cylinder that `placed` puts into the world.
+
+    Edges are met to about 2^-30 of their length. So a slender cylinder has rings around its ends
+    and its middle, each GROWTH times as far away as the one before: edges are short there.
+    """
+    x, y, length = np.linalg.norm(placed[:3, :3], axis=0)
+    if min(x, y) * SLENDER >= length:
+        return 0.0, 1.0
+    first = GROWTH * min(x, y) / length
+    count = max(math.ceil(math.log(1.0 / (4.0 * max(first, 1e-30)), GROWTH)), 1)
+    away = first * GROWTH ** np.arange(count)
+    half = [0.0, *away, *(0.5 - away)]
+    return tuple(sorted({*half, 0.5, *(1.0 - z for z in half)}))
+
+
+@lru_cache(maxsize=8)
+def unit(along: tuple[float, ...] = (0.0, 1.0)) -> Mesh:
     """About the z axis from 0 to 1, with the radius 1, open at both ends, the front outside.
 
-    u goes once around from +x over +y, v along the axis.
+    u goes once around from +x over +y, v along the axis. along: where its faces end.
     """
     circle = [sin_cos_degrees(360.0 * (k % SIDES) / SIDES)[::-1] for k in range(SIDES + 1)]
-    sides = np.tile(np.array(circle), (2, 1))
-    ends = np.repeat([0.0, 1.0], SIDES + 1)
-    u = np.tile(np.arange(SIDES + 1) / SIDES, 2)
-    first = np.arange(SIDES)
+    sides = np.tile(np.array(circle), (len(along), 1))
+    z = np.repeat(along, SIDES + 1)
+    u = np.tile(np.arange(SIDES + 1) / SIDES, len(along))
+    first = np.add.outer((SIDES + 1) * np.arange(len(along) - 1), np.arange(SIDES)).ravel()
     a, b = np.stack([first, first + 1, first + SIDES + 2]), [first, first + SIDES + 2]
     triangles = np.stack([*a, *b, first + SIDES + 1], axis=1).reshape(-1, 3)
     return Mesh(
-        np.column_stack([sides, ends]),
+        np.column_stack([sides, z]),
         triangles,
         np.column_stack([sides, np.zeros(len(sides))]),
-        np.column_stack([u, ends]),
+        np.column_stack([u, z]),
     )
 
 

@@ -307,6 +307,8 @@ class _Reader:
             aspect = view.number("aspectRatio", WIDTH / HEIGHT, 1e-2, 1e2)
             width = max(1, round(HEIGHT * aspect))
             return _sensor(camera.where, "perspective", place, width, fov, "y")
+        if not self.corners:
+            self.report.warn("the file shows no mesh", self.where)
         self.report.warn("the file has no camera; one was placed that frames it", self.where)
         corners = np.concatenate(self.corners) if self.corners else np.zeros((1, 3))
         return framing(corners.min(axis=0), corners.max(axis=0), self.where)

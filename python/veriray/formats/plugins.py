@@ -480,6 +480,7 @@ def _film(name: str) -> Plugin:
             "hdrfilm": "linear RGB",
             "specfilm": "as hdrfilm, with a warning: not its bands, which are spectra of any name",
         }.get(name, "as hdrfilm; of version 0.x"),
+        noted={"filename": _WRITTEN},
         lenient="" if name == "hdrfilm" else _WRITTEN,
     )
 
@@ -497,6 +498,7 @@ PLUGINS: dict[str, Plugin] = {
             "texture": (_TEXTURES, 0, _MANY),
             "volume": (_VOLUMES, 0, _MANY),
         },
+        noted={"embree_use_robust_intersections": "no ray passes between neighbours, ever"},
     ),
     **_PATHS,
     "moment": _around("moments are not written: stderr has the variance"),

@@ -405,7 +405,8 @@ class Shapes:
         wanted: its attributes are.
         """
         if node.plugin == "cylinder":
-            return cylinder.unit(), ()
+            placed = cylinder.matrix(node, values, values["to_world"])
+            return cylinder.unit(cylinder.rings(placed)), ()
         if node.plugin == "sphere":
             return spheres.unit(), ()
         if node.plugin == "mesh":

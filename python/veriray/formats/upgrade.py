@@ -6,13 +6,15 @@ the transform `to_uv`, here scale, then translation, as in 0.x (Mitsuba 3 exchan
 refuses the rest of what those versions had; where today's terms say the same, they are used:
 
 - <lookAt>, <blackbody>, and spectra of three numbers, which are RGB; `intent` is left out;
-- film `ldrfilm`, `mfilm`, `tiledhdrfilm`: `hdrfilm` of the same size and filter;
+- film `ldrfilm`, `mfilm`, `tiledhdrfilm`: `hdrfilm` of the same size and filter, of one pixel by
+  default for `mfilm`;
 - samplers `sobol`, `halton`, `hammersley`: `ldsampler`;
 - integrators that compute what `path` computes, by other paths: `path`, or `volpath` where there
   is a medium, with the same depths;
 - `adaptive` and `multichannel`: the integrator that they hold;
-- `mixturebsdf`: `blendbsdf` in `blendbsdf`; a bump map of a texture `scale`: its own `scale`; the
-  texture of a `normalmap`, of any name, is its `normalmap`; `extEta` by name is a number;
+- `mixturebsdf` or `mixture`: `blendbsdf` in `blendbsdf`; `bump`: `bumpmap`; a bump map of a
+  texture `scale`: its own `scale`; the texture of a `normalmap`, of any name, is its `normalmap`;
+  `extEta` by name is a number;
 - `bumpmap` and `normalmap`: without a function for shadows, and no normal flipped;
 - `vpl` ends at depth 5 unless it says otherwise; `roughdiffuse` takes `diffuseReflectance`, too;
 - version 0.3: cameras are mirrored, `fov` is of the smaller side, `intensity` of `constant` and
@@ -57,6 +59,8 @@ _RENAMED = {
     ("sampler", "hammersley"): "ldsampler",
     ("texture", "vertexcolors"): "mesh_attribute",
 }  # fmt: skip
+#: BSDFs' first names.
+_OLDER = {"bump": "bumpmap", "mixture": "mixturebsdf"}
 _KEPT = {
     "film": ("width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"),
     "integrator": ("max_depth", "rr_depth", "hide_emitters"),
@@ -174,6 +178,9 @@ def _blackbody(element: _Element, where: str) -> None:
 
 def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
     category, plugin = str(element.tag), str(element.get("type"))
+    if category == "bsdf" and plugin in _OLDER:
+        plugin = _OLDER[plugin]
+        element.set("type", plugin)
     left_out = _DROPPED.get(category, ())
     _drop(element, lambda name: name in left_out, where, notes)
     if category == "film":
@@ -184,6 +191,10 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
         new = _RENAMED[category, plugin]
         if category == "film":
             _drop(element, lambda name: name not in _KEPT["film"], where, notes)
+        if plugin == "mfilm":
+            given = {child.get("name") for child in element}
+            for side in {"width", "height"} - given:
+                _add(element, "integer", side, "1")
         if plugin == "vertexcolors":
             _add(element, "string", "name", "vertex_color")
         element.set("type", new)

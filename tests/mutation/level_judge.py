@@ -1,13 +1,13 @@
 """Runs one level of `veriray validate` until its first failure; prints JSON.
 
-    python -m tests.mutation.level_judge LEVEL quick|full SECONDS MOST [LOG.json]
+    python -m tests.mutation.level_judge LEVEL[/K/N] quick|full SECONDS MOST [LOG.json]
 
 with the packages to be judged first on PYTHONPATH, alone with its native module. LEVEL 0: the films
 of level 6 that are compared with recorded hashes. The other levels leave these out, because they
 show that something changed, not that it is wrong. SECONDS: of CPU time, after which the level ends
 as survived; MOST: after which it is killed (SIGXCPU) in a case that does not end. LOG.json: seconds
 of the cases that a sound run passed; only these run, cheap ones first. Without it all cases run to
-the end and the seconds are reported.
+the end and the seconds are reported. /K/N: every N-th case alone, from the K-th.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ RECORDED = 0
 _RECORDED_CASES = "bits.recorded_films*"
 
 
-def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, Any]:
-    """Verdict on a level."""
+def main(level: int, part: slice, full: bool, limit: float, log: Path | None) -> dict[str, Any]:
+    """Verdict on a part of a level."""
     try:
         from veriray_validate.run import FULL_EFFORT, cases
         from veriray_validate.trial import FAMILY, FIRST, SECOND, judge
@@ -40,6 +40,7 @@ def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, An
         message = f"{type(error).__name__}: {error}"
         return {"case": "(import)", "verdict": "error", "message": message, "ran": 0, "times": {},
                 "seconds": round(time.process_time(), 2)}  # fmt: skip
+    chosen = chosen[part]
     known: dict[str, float] = json.loads(log.read_text("utf-8")) if log else {}
     if log:
         chosen = sorted((c for c in chosen if c.id in known), key=lambda c: known[c.id])
@@ -71,6 +72,7 @@ def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, An
 if __name__ == "__main__":
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[4]), hard))
-    answer = main(int(sys.argv[1]), sys.argv[2] == "full", float(sys.argv[3]),
+    level, first, step = map(int, (sys.argv[1] + "/0/1").split("/")[:3])
+    answer = main(level, slice(first, None, step), sys.argv[2] == "full", float(sys.argv[3]),
                   Path(sys.argv[5]) if sys.argv[5:] else None)  # fmt: skip
     print("\n" + json.dumps(answer))

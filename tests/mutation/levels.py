@@ -117,14 +117,15 @@ class Stand:
         return folder
 
     def judge(self, bug: Mutant | None, level: int, mode: str, sound: dict[str, Any] | None,
-              cases: dict[str, float] | None) -> dict[str, Any]:  # fmt: skip
+              cases: dict[str, float] | None, part: str = "") -> dict[str, Any]:  # fmt: skip
         """The answer of a level's cases on a bug, or of all on the unchanged copy; `level_judge`.
 
-        cases: with the seconds that each takes the unchanged copy.
+        cases: with the seconds that each takes the unchanged copy. part: of the level, "/K/N".
         """
         name = "unchanged" if bug is None else "_".join(re.findall(r"\w+", bug.name))
         text = json.dumps(cases, sort_keys=True).encode()
-        asked = "" if cases is None else "-" + hashlib.sha256(text).hexdigest()[:8]
+        asked = part.replace("/", "-")
+        asked = asked if cases is None else "-" + hashlib.sha256(text).hexdigest()[:8]
         file = self.answers / f"{mode}-{level}{asked}-{name}.json"
         if not file.exists():
             if bug and time.monotonic() > self.end:
@@ -132,13 +133,13 @@ class Stand:
             times = None if cases is None else self.packages / file.name
             if times:
                 times.write_bytes(text)
-            answer = self._judged(bug, level, mode, sound, times)
+            answer = self._judged(bug, f"{level}{part}", mode, sound, times)
             with replacing(file) as new:
                 new.write(json.dumps(answer).encode())
         kept: dict[str, Any] = json.loads(file.read_text("utf-8"))
         return kept
 
-    def _judged(self, bug: Mutant | None, level: int, mode: str, sound: dict[str, Any] | None,
+    def _judged(self, bug: Mutant | None, level: str, mode: str, sound: dict[str, Any] | None,
                 times: Path | None) -> dict[str, Any]:  # fmt: skip
         package = self.compiled
         if bug in PYTHON:
@@ -150,7 +151,7 @@ class Stand:
                        "PYTHONPATH": os.pathsep.join(places)}  # fmt: skip
         limit = round(max(LEAST, LIMIT * sound["seconds"])) if sound else 10**5
         most = HANG * limit
-        words = [sys.executable, "-m", "tests.mutation.level_judge", str(level), mode,
+        words = [sys.executable, "-m", "tests.mutation.level_judge", level, mode,
                  str(limit), str(most), *([str(times)] if times else [])]  # fmt: skip
         begin = time.perf_counter()
         with tempfile.TemporaryDirectory() as place:
@@ -195,7 +196,7 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
     rows = {row["name"]: row for row in kept}
     with ThreadPoolExecutor(jobs) as pool:
         with stand.alone():
-            quick = _sound(stand, pool, asked, "quick")
+            quick = _sound(stand, pool, asked, "quick", jobs)
         print("unchanged:", {n: f"{a['verdict']}, {a['ran']} cases, {a['seconds']} s"
                              for n, a in quick.items()}, flush=True)  # fmt: skip
         order = sorted(asked, key=lambda n: quick[n]["seconds"])
@@ -218,7 +219,7 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
             save(_result(stand, chosen, levels, rows, quick))
         left = [m for m in chosen if m.name in rows and not rows[m.name]["caught_by"]]
         if full_survivors and left:
-            full = _sound(stand, pool, levels, "full")
+            full = _sound(stand, pool, levels, "full", jobs)
             plans = {m.name: [[(n, full[n]["times"])] for n in levels] for m in left}
             for bug, found in _answers(stand, pool, plans, "full", full):
                 caught = {n: _brief(a) for n, a in sorted(found.items()) if a["case"]}
@@ -321,10 +322,14 @@ def _result(stand: Stand, chosen: Sequence[Mutant], levels: Sequence[int],
     }  # fmt: skip
 
 
-def _sound(stand: Stand, pool: ThreadPoolExecutor, levels: Iterable[int],
-           mode: str) -> dict[int, dict[str, Any]]:  # fmt: skip
-    tasks = {n: pool.submit(stand.judge, None, n, mode, None, None) for n in levels}
-    answers = {n: task.result() for n, task in tasks.items()}
+def _sound(stand: Stand, pool: ThreadPoolExecutor, levels: Iterable[int], mode: str,
+           parts: int) -> dict[int, dict[str, Any]]:  # fmt: skip
+    """The answers of levels on the unchanged copy, each from that many parts at once."""
+    tasks = {
+        n: [pool.submit(stand.judge, None, n, mode, None, None, f"/{k}/{parts}")
+            for k in range(parts)] for n in levels
+    }  # fmt: skip
+    answers = {n: _whole([task.result() for task in found]) for n, found in tasks.items()}
     for n, answer in answers.items():
         for key in ("failed", "inconclusive", "skipped"):
             if answer.get(key):
@@ -334,6 +339,17 @@ def _sound(stand: Stand, pool: ThreadPoolExecutor, levels: Iterable[int],
     if bad:
         raise SystemExit("the unchanged copy fails, so nothing can be judged: " + "; ".join(bad))
     return answers
+
+
+def _whole(parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """The answer of a level from those of its parts."""
+    whole = dict(next((p for p in parts if p["verdict"] != "pass"), parts[0]))
+    for key in ("ran", "seconds"):
+        whole[key] = round(sum(p[key] for p in parts), 2)
+    for key in ("inconclusive", "skipped", "failed"):
+        whole[key] = [case for p in parts for case in p.get(key, [])]
+    whole["times"] = {case: s for p in parts for case, s in p.get("times", {}).items()}
+    return whole
 
 
 def _brief(answer: dict[str, Any]) -> dict[str, Any]:

@@ -206,11 +206,11 @@ Frame HostScene::frame_of(const SceneInput& in) const {
     if (narrow) {
         far = false;
         const double* m = in.to_world;
-        const double x = -2 * in.principal_x * in.tan_half_x,
-                     y = -2 * in.principal_y * in.tan_half_y;
-        const Double3 axis{m[0] * x + m[1] * y + m[2], m[4] * x + m[5] * y + m[6],
-                           m[8] * x + m[9] * y + m[10]};
-        centre = eye + axis * depth_seen;
+        const double widens = parallel ? 1 : depth_seen;
+        const double x = -2 * in.principal_x * in.tan_half_x * widens,
+                     y = -2 * in.principal_y * in.tan_half_y * widens, z = depth_seen;
+        centre = eye + Double3{m[0] * x + m[1] * y + m[2] * z, m[4] * x + m[5] * y + m[6] * z,
+                               m[8] * x + m[9] * y + m[10] * z};
     } else if (!large) {
         centre = finest(in, centre);
     } else if (!far && !parallel && size > 0 && std::isfinite(size)) {

@@ -116,6 +116,7 @@ struct View {
     }
 
     Double3 axis() const {
+        if (in.parallel) return {0, 0, 1};
         return {-2 * in.principal_x * in.tan_half_x, -2 * in.principal_y * in.tan_half_y, 1};
     }
 };
@@ -154,20 +155,26 @@ double narrow_depth(const SceneInput& in, Double3 eye) {
 double narrow_start(const SceneInput& in, Double3 eye, double depth, double unit) {
     const double pixel = pixel_step(in);
     const bool one_ray = in.parallel && pixel < 0x1p-40 * unit;
+    const View view(in, eye);
+    const Double3 axis = normalised(view.axis());
+    // Starts lie on a plane across the axis, and so at other depths where that is not ahead.
+    const double aside =
+        in.parallel ? 0
+                    : depth * (std::abs(axis.x) * in.tan_half_x * (1 + 2 * kReach / in.width) +
+                               std::abs(axis.y) * in.tan_half_y * (1 + 2 * kReach / in.height));
     const double least = in.parallel
                              ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit})
-                             : 0x1p-10 * depth;
+                             : 0x1p-10 * depth + aside;
     const double most =
         in.parallel
             ? std::max(least, unit * std::min(0x1p-8, one_ray ? 1 : kSharp * pixel / unit))
             : std::max(least, std::min(depth * std::min(1., kSharp * pixel), depth - in.near_clip));
-    const View view(in, eye);
-    const Double3 axis = normalised(view.axis());
     double start = least;
     view.each_face([&](double first, const std::vector<Double3>& c) {
         const Double3 n = cross(c[1] - c[0], c[2] - c[0]);
         const double slope = std::abs(dot(n, axis)) / length(n);
-        if (slope > kEdgeOn) start = std::max(start, kHeight * unit / slope - (first - depth));
+        if (slope > kEdgeOn)
+            start = std::max(start, kHeight * unit / slope - (first - depth) + aside);
     });
     return std::min(start, most);
 }

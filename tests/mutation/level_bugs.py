@@ -531,6 +531,8 @@ _REPAIRED = (  # bugs that veriray had
            "select(total < F(0x1p-100f), F(0x1p100f), F(1.f))", "F(1.f)"),
     Mutant("lamps in contact sampled off their place", _LAMP,
            "stays | (offset < F(0.f))", "stays"),
+    Mutant("narrow views start as if they looked ahead", "scene/narrow.cpp",
+           "std::abs(axis.x) * in.tan_half_x", "0 * in.tan_half_x"),
     Mutant("a narrow view is seen from the camera", "scene/narrow.cpp", "pixel_step(in) < kNarrow",
            "pixel_step(in) < 0"),
     Mutant("two-sided faces left as one-sided ones", "scene/scene.cpp",

@@ -314,6 +314,30 @@ def narrow_view_starts_at_its_camera(t: Trial, width: float, parallel: bool, awa
             t.check(t.render(seen, 16).image == told, f"{side * distance:g} in front")
 
 
+@case(3)
+def narrow_views_aside(t: Trial) -> None:
+    """A shining wall fills views of 4,000 pixels below 2^-17 that look up to 63 degrees aside.
+
+    As crops of wide films do. Exact: 1 in every pixel, however the wall is turned.
+    """
+    for _ in range(6):
+        tan, depth = t.rng.uniform(2e-3, 1.3e-2), 10 ** t.rng.uniform(-3, 3)
+        turned = transform.rotate((0.0, 1.0, 0.0), 180.0 + t.rng.uniform(-20, 20))
+        place = transform.compose(
+            transform.translate((0.0, 0.0, depth)),
+            transform.compose(turned, transform.scale((100 * depth,) * 3)),
+        )
+        seen = veriray.load_dict({
+            "type": "scene", "integrator": {"type": "path", "max_depth": 1},
+            "eye": {"type": "perspective", "fov": 2 * math.degrees(math.atan(tan)),
+                    "principal_point_offset_x": t.rng.uniform(-1, 1) / tan,
+                    "film": box_film(4000, 1)},
+            "wall": {"type": "rectangle", "to_world": place, "bsdf": BLACK,
+                     "emitter": {"type": "area", "radiance": 1.0}},
+        })  # fmt: skip
+        t.check(t.render(seen, 4).image == 1)
+
+
 # ---- light that the camera does not see ----
 
 INSIDE = {"nothing": 0.0, "grey": 0.9, "mirror": 3.0, "grey behind null": 0.9}

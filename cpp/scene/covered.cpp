@@ -70,11 +70,13 @@ std::vector<Double3> HostScene::outline(const SceneInput& in, const AreaLight& f
     return corners;
 }
 
-// Whether two opaque flat primitives are the sides of a sheet: of one outline, in one plane up to
-// twice kPlaneSlack, and facing away from each other. A sheet that looks alike from both sides is
-// left out.
+// Whether two opaque flat primitives are the sides of a sheet: of one outline, or with three
+// corners in common (triangles of a sheet may be merged otherwise on its other side), in one plane
+// up to twice kPlaneSlack, and facing away from each other. A sheet that looks alike from both
+// sides is left out.
 bool HostScene::back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const {
     constexpr double kLeastShare = 1 - 0x1p-8;  // polygons around equal disks differ by 2^-10
+    constexpr double kNoGap = 2 * static_cast<double>(kPlaneSlack);
     const PrimitiveSource &one = sources[a], &two = sources[b];
     if (a == b || one.group != two.group || lets_through(in, one.group, one.row) ||
         lets_through(in, two.group, two.row))
@@ -87,8 +89,13 @@ bool HostScene::back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const
     const Double3 n = normalised(area_vector(p)), m = normalised(area_vector(q));
     if (dot(n, m) >= 0) return false;
     for (const Double3 corner : q)
-        if (std::abs(dot(n, corner - p[0])) > 2 * static_cast<double>(kPlaneSlack)) return false;
-    return covered_share(p, q, n) > kLeastShare && covered_share(q, p, m) > kLeastShare;
+        if (std::abs(dot(n, corner - p[0])) > kNoGap) return false;
+    const auto shared = std::count_if(q.begin(), q.end(), [&](Double3 corner) {
+        return std::any_of(p.begin(), p.end(),
+                           [&](Double3 other) { return length(corner - other) <= kNoGap; });
+    });
+    return shared >= 3 ||
+           (covered_share(p, q, n) > kLeastShare && covered_share(q, p, m) > kLeastShare);
 }
 
 // The planes of faces lie kPlaneSlack behind their fronts, so of two faces back to back rays would

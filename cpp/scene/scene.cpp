@@ -337,6 +337,7 @@ void HostScene::set_tree(const SceneInput& in) {
         put_box(at, round_box(in, kSphereGroup, i));
     }
     part_touching(in);
+    part_twins(in);
     view.disk_count = static_cast<uint32_t>(in.disks.count);
     view.sphere_count = static_cast<uint32_t>(in.spheres.count);
     view.smooth = smooth.empty() ? nullptr : smooth.data();

@@ -328,6 +328,7 @@ class HostScene : public Frame {
     std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
     bool back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const;
     void part_backs(const SceneInput& in);
+    void part_twins(const SceneInput& in);
     bool ends_before(const SceneInput& in, const AreaLight& light, Double3 n, double gap,
                      const Box& pair) const;
     std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;

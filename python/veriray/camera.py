@@ -151,8 +151,8 @@ class Camera:
         patches = array("patches", self.patches, np.float64, (None, 11))
         _check_patches(patches, self.projection)
         offset = array("principal_point_offset", self.principal_point_offset, np.float64, (2,))
-        if np.abs(offset).max() > 1e3:
-            raise SceneError(f"principal_point_offset = {offset.tolist()} exceeds 1000 film sizes")
+        if np.abs(offset).max() > 1e9:
+            raise SceneError(f"principal_point_offset = {offset.tolist()} exceeds 1e9 film sizes")
         values = {
             "to_world": matrix,
             "fov": number("fov", self.fov, 0.0, 180.0, open_=True),

@@ -540,6 +540,8 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("faces of a fold turned round", "scene/winding.cpp", "edges[m] == 0", "edges[m] == 1"),
     Mutant("what lies on a face has its rims", "scene/flat.cpp",
            "!together(flats[i], k, flats[j], m)", "true"),
+    Mutant("sheets of two faces not parted", "scene/twins.cpp", "dot(normal(a), normal(b)) < 0",
+           "false"),
     Mutant("rims on the backs of bodies", "integrators/rims.h",
            "!within(scene, hit.primitive, p, back, false)", "!back"),
     Mutant("solids open along their edges", "integrators/rims.h",

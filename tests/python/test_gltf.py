@@ -967,3 +967,52 @@ def test_it_renders(tmp_path):
         picture = veriray.render(scene, spp=4, width=16, height=12, max_depth=-1, rr_depth=10**6,
                                  device="cpu")  # fmt: skip
         assert np.abs(picture.image - 1).max() < 1e-5
+
+
+# ---- what is on both sides, hidden, clipped or unknown ----
+
+
+@pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
+@pytest.mark.parametrize("both", [True, False])
+def test_double_sided_lamps_shine_backwards(tmp_path, mode, both):
+    look = {"emissiveFactor": [1, 0.5, 0], "doubleSided": both, "alphaMode": mode}
+    if mode == "BLEND":
+        look["pbrMetallicRoughness"] = {"baseColorFactor": [1, 1, 1, 0.5]}
+    model = quad(material=0)
+    model.content["materials"] = [look]
+    scene, text = load(tmp_path, model)
+    behind = veriray.Camera.look_at((0.6, 0.4, -3), (0.6, 0.4, 0), fov=2)
+    size = {"width": 4, "height": 4, "max_depth": 1}
+    picture = veriray.render(scene.with_(camera=behind), **size, spp=4, device="cpu")
+    shines = both and mode != "BLEND"
+    assert (picture.image == (np.array([1, 0.5, 0]) if shines else 0)).all()
+    assert ("shines on its front alone" in text) == (both and mode == "BLEND")
+    assert scene.shape_names == (("mesh", "mesh.back") if shines else ("mesh",))
+    assert len(scene.triangles) == (4 if shines else 2)
+
+
+def test_hidden_nodes_and_unknown_extensions(tmp_path):
+    hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    model = quad(node={"children": [1], **hidden})
+    model.mesh(0, 1)
+    model.content["nodes"].append({"mesh": 0, "extensions": {"MSFT_lod": {}}})
+    model.content["scenes"] = [{"nodes": [0, 2], "extensions": {"EXT_lights_image_based": {}}}]
+    model.content["meshes"][0]["extensions"] = {"A_mesh": {}}
+    model.content["extensions"] = {"A_file": {}, "KHR_lights_punctual": {"lights": []}}
+    scene, text = load(tmp_path, model)
+    assert len(scene.triangles) == 2
+    for name in ("MSFT_lod", "EXT_lights_image_based", "A_mesh", "A_file"):
+        assert text.count(f'the extension "{name}" is not applied') == 1
+    assert "KHR" not in text
+    assert "shows no mesh" in load(tmp_path, Model())[1]
+
+
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+def test_cameras_clip(tmp_path, kind):
+    lens = {"yfov": 0.5} if kind == "perspective" else {"xmag": 1, "ymag": 1}
+    for clips, expected in (({"znear": 0.5, "zfar": 4}, (0.5, 4)), ({"znear": 2}, (2, np.inf))):
+        model = quad()
+        model.content["cameras"] = [{"type": kind, kind: {**lens, **clips}}]
+        model.content["nodes"].append({"camera": 0})
+        camera = load(tmp_path, model)[0].camera
+        assert (camera.near_clip, camera.far_clip) == expected

@@ -945,6 +945,23 @@ def test_cylinders_are_mitsubas(mi, ends, matrix, flip):
         assert np.abs(np.array(hit.uv) - uv[k].mean(axis=0)).max() < 1e-3
 
 
+def test_mirrors_leave_fronts_without_normals_in_front(tmp_path):
+    """Of an OBJ file of whose faces some have normals, and of a PLY file with some of length 0."""
+    squares = "".join(f"v {x} 0 0\nv {x + 1} 0 0\nv {x + 1} 1 0\n" for x in (-2, 0))
+    (tmp_path / "a.obj").write_text(squares + "vn 0 0 1\nvn .05 0 1\nf 1//1 2//2 3//1\nf 4 5 6\n")
+    rows = "-2 0 0 0 0 1\n-1 0 0 .05 0 1\n-1 1 0 0 0 1\n0 0 0 0 0 0\n1 0 0 0 0 0\n1 1 0 0 0 0\n"
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    (tmp_path / "a.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 6\n{names}element face 2\n"
+        f"property list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n3 3 4 5\n"
+    )
+    for kind in ("obj", "ply"):
+        for matrix in (np.eye(4), np.diag([-1.0, 1, 1, 1]), np.diag([1.0, 1, -1, 1])):
+            file = str(tmp_path / f"a.{kind}")
+            scene = one_shape(type=kind, filename=file, to_world=matrix)
+            assert (facing(scene)[:, 2] * matrix[2, 2] > 0).all()
+
+
 def test_cylinders_are_as_near_as_stated():
     scene = one_shape(type="cylinder", radius=0.5, p1=[0, 0, 4])
     a, b, c = (scene.vertices[scene.triangles[:, k]] for k in range(3))

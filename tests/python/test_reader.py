@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -460,6 +461,14 @@ def test_crop_window(tmp_path: Path, offset: str, first: Any, last: Any) -> None
     for u, expected in ((0, first), (1, last)):
         got = x * (1 - 2 * (u + dx)), y * (1 - 2 * (u + dy))
         assert np.abs(np.array(got) - expected).max() < 1e-6
+
+
+def test_crop_window_of_the_last_of_many_columns(tmp_path: Path) -> None:
+    names = {"width": 20000, "height": 2, "crop_width": 8, "crop_height": 2, "crop_offset_x": 19992}
+    sizes = "".join(param("integer", name, n) for name, n in names.items())
+    view = re.sub("<film.*?</film>", f'<film type="hdrfilm">{sizes}</film>', SENSOR.format("", ""))
+    camera = loaded(tmp_path, SKY, view).camera
+    assert camera.principal_point_offset[0] == pytest.approx((19996 - 10000) / 8)
 
 
 def test_crop_window_shows_that_part(tmp_path: Path) -> None:

@@ -1,10 +1,10 @@
 """glTF 2.0 scenes (.gltf, .glb): meshes where their nodes put them, a camera, lights and colours.
 
-Materials are those of `gltf_materials`; they shine on their fronts. Light keeps its numbers:
-candela, lux and nits are taken for what they are in watts. A spot of KHR_lights_punctual falls off
-linearly between its angles. The first camera is taken; without one the scene is framed from its
-front. Without a light there is a white sky. Skins, morph targets and animations stay at
-rest.
+Materials are those of `gltf_materials`; they shine on their fronts, doubleSided ones from a copy of
+the shape on their backs, too. Light keeps its numbers: candela, lux and nits are taken for what
+they are in watts. A spot of KHR_lights_punctual falls off linearly between its angles. The first
+camera is taken; without one the scene is framed from its front. Without a light there is a white
+sky. Skins, morph targets and animations stay at rest.
 """
 
 from __future__ import annotations
@@ -36,6 +36,9 @@ WIDTH, HEIGHT, SPP, FOV = 768, 576, 64, 40.0
 _OPTIONAL = ("KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_", "KHR_materials_",
              "EXT_texture_", "KHR_xmp", "KHR_animation_pointer")  # fmt: skip
 _MODES = ("POINTS", "LINES", "LINE_LOOP", "LINE_STRIP", "TRIANGLES", "STRIP", "FAN")
+#: Extensions of nodes, meshes, scenes and the file that are applied, named elsewhere or only tell.
+_TAKEN = ("KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_node_visibility", "KHR_xmp")
+_BACK = ".back"  # ends the name of the side from which a lamp shines backwards
 _MIRRORED = ".mirrored"  # ends the name of what shows a texture of normals so, of two parts
 _TO_SENSOR = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks along -z, +x right; a sensor along +z, +x left
 
@@ -71,10 +74,12 @@ class _Reader:
         for what in ("skins", "animations"):
             if root.rows(what):
                 self.report.warn(f"{what} are not applied", self.where)
+        for row in (root, *self.file.tables["scenes"], *self.file.tables["meshes"]):
+            self.unread(row)
         tree = Tree(Node("scene", self.where, "scene"), report=self.report)
         placed = self.placed()
         meshes = self.file.tables["meshes"]
-        self.uses = Counter(node.index("mesh", meshes) for node, _ in placed)
+        self.uses = Counter(node.index("mesh", meshes) for node, _, shown in placed if shown)
         shapes = [shape for found in placed for shape in self.shapes(*found)]
         children = tree.scene.children
         children += [self.sensor(), *shapes, *self.lights]
@@ -83,8 +88,15 @@ class _Reader:
             children.append(Node("constant", self.where, "emitter"))
         return tree
 
-    def placed(self) -> list[tuple[Json, Array]]:
-        """All nodes of the scene with what takes them to world space."""
+    def unread(self, row: Json) -> None:
+        """Names the extensions of a part of the file that are not applied."""
+        for name in row.of("extensions").content:
+            if not name.startswith(_TAKEN):
+                text = f"the extension {shorten(name)} is not applied"
+                self.report.warn(text, self.where if row is self.file.root else row.where)
+
+    def placed(self) -> list[tuple[Json, Array, bool]]:
+        """All nodes of the scene, what takes them to world space, and whether they are shown."""
         nodes, scenes = self.file.tables["nodes"], self.file.tables["scenes"]
         if scenes:
             roots = _indices(scenes[self.file.root.index("scene", scenes) or 0], "nodes", nodes)
@@ -92,9 +104,9 @@ class _Reader:
             held = {k for node in nodes for k in _indices(node, "children", nodes)}
             roots = [k for k in range(len(nodes)) if k not in held]
         result, met = [], set()
-        todo = [(k, np.eye(4)) for k in reversed(roots)]
+        todo = [(k, np.eye(4), True) for k in reversed(roots)]
         while todo:
-            number, above = todo.pop()
+            number, above, shown = todo.pop()
             node = nodes[number]
             if number in met:
                 raise node.fail("the node is met twice")
@@ -103,16 +115,20 @@ class _Reader:
                 matrix = transform.compose(above, _local(node))
             if not (np.abs(matrix) <= MAX_COORDINATE).all():
                 raise node.fail(f"its place exceeds {MAX_COORDINATE:g}")
-            result.append((node, matrix))
-            todo += [(k, matrix) for k in reversed(_indices(node, "children", nodes))]
+            self.unread(node)
+            shown = shown and node.of("extensions").of("KHR_node_visibility").flag("visible", True)
+            result.append((node, matrix, shown))
+            todo += [(k, matrix, shown) for k in reversed(_indices(node, "children", nodes))]
         return result
 
-    def shapes(self, node: Json, matrix: Array) -> list[Node]:
-        """The shapes of a node's mesh; its camera and light are kept."""
+    def shapes(self, node: Json, matrix: Array, shown: bool) -> list[Node]:
+        """The shapes of a node's mesh, if that is shown; its camera and light are kept."""
         cameras = self.file.tables["cameras"]
         camera = node.index("camera", cameras)
         if camera is not None:
             self.cameras.append((cameras[camera], matrix))
+        if not shown:
+            return []
         lights = self.file.root.of("extensions").of("KHR_lights_punctual").all("lights")
         light = node.of("extensions").of("KHR_lights_punctual").index("light", lights)
         if light is not None:
@@ -161,15 +177,15 @@ class _Reader:
             self.endings[number, flip] = [
                 start + end
                 for start, shapes in zip(starts, shown, strict=True)
-                for end in ("", _MIRRORED)[: len(shapes)]
+                for end, _ in shapes
             ]
-            parts = [shape for shapes in shown for shape in shapes]
+            parts = [shape for shapes in shown for _, shape in shapes]
             self.groups[number, flip] = Node("shapegroup", mesh.where, "shape", children=[*parts])
         return self.groups[number, flip]
 
-    def primitive(self, part: Json, mesh: Json, flip: bool) -> list[Node]:
-        """A mesh, or two of it where a texture of normals lies mirrored on some triangles; none for
-        points and lines."""
+    def primitive(self, part: Json, mesh: Json, flip: bool) -> list[tuple[str, Node]]:
+        """A mesh with the end of its name; two of it where a texture of normals lies mirrored on
+        some triangles, and one more of each that shines backwards; none for points and lines."""
         accessors, attributes = self.file.tables["accessors"], part.of("attributes")
         mode = part.whole("mode", 4, len(_MODES) - 1) or 0
         place = attributes.index("POSITION", accessors)
@@ -205,14 +221,30 @@ class _Reader:
         mirrored = np.zeros(len(faces), bool)
         if self.looks.turns(about):
             mirrored = self.mirrored(part, faces, arrays, flip)
-        result: list[Node] = []
+        result: list[tuple[str, Node]] = []
+        name = mesh.text("name")
         for side in np.unique(mirrored).tolist():
             values = _mesh(arrays, faces, mirrored == side, part.where)
             children: list[Any] = self.material(material, about, side)
-            name = mesh.text("name")
-            name += _MIRRORED if name and result else ""
-            result.append(Node("mesh", part.where, "shape", name, "", values, children))
+            end = _MIRRORED if result else ""
+            shape = Node("mesh", part.where, "shape", name and name + end, "", values, children)
+            result.append((end, shape))
+            if len(children) > 1 and self.shines_backwards(about, children[0]):
+                values = {**values, "flip_normals": Value("boolean", True, part.where)}
+                end += _BACK
+                result.append((end, replace(shape, id=name and name + end, values=values)))
         return result
+
+    def shines_backwards(self, about: Json, bsdf: Node) -> bool:
+        """Whether a lamp of a material shines from the backs of its faces, too."""
+        if not about.flag("doubleSided"):
+            return False
+        alike = bsdf.plugin == "twosided"
+        alike |= bsdf.plugin == "mask" and about.text("alphaMode") == "MASK"
+        if not alike:
+            text = "a doubleSided material that lets light through shines on its front alone"
+            self.report.warn(text, about.where)
+        return alike
 
     def unused(self, part: Json) -> None:
         """Names what is not applied of a primitive."""
@@ -249,7 +281,7 @@ class _Reader:
         return [self.materials[number, mirrored], *([] if lamp is None else [lamp])]
 
     def emitter(self, about: Json) -> Node | None:
-        """What a material emits, on its front."""
+        """What a material emits, on the front of a shape."""
         strength = about.of("extensions").of(_STRENGTH[0]).number("emissiveStrength", 1.0, 0.0)
         factor = about.numbers("emissiveFactor", (0.0,) * 3, 0.0) * strength
         if "KHR_materials_unlit" in about.of("extensions").content:
@@ -301,12 +333,12 @@ class _Reader:
                 x, y = (view.number(name, 0.0, 1e-12, 1e12) for name in ("xmag", "ymag"))
                 width = max(1, round(HEIGHT * min(max(x / y, 1e-2), 1e2)))
                 place = transform.compose(place, transform.scale([x, y * width / HEIGHT, 1.0]))
-                return _sensor(camera.where, "orthographic", place, width)
+                return _sensor(camera.where, "orthographic", place, width, **_clips(view))
             view = camera.of("perspective")
             fov = math.degrees(view.number("yfov", 0.0, 0.0, math.pi))
             aspect = view.number("aspectRatio", WIDTH / HEIGHT, 1e-2, 1e2)
             width = max(1, round(HEIGHT * aspect))
-            return _sensor(camera.where, "perspective", place, width, fov, "y")
+            return _sensor(camera.where, "perspective", place, width, fov, "y", **_clips(view))
         if not self.corners:
             self.report.warn("the file shows no mesh", self.where)
         self.report.warn("the file has no camera; one was placed that frames it", self.where)
@@ -329,15 +361,27 @@ def framing(low: Array, high: Array, where: str) -> Node:
     return _sensor(where, "perspective", place, WIDTH, FOV, "smaller")
 
 
+def _clips(view: Json) -> dict[str, Any]:
+    """The depths between which a camera sees."""
+    found = {"near_clip": view.number("znear", 0.0, 0.0), "far_clip": view.number("zfar", 0.0, 0.0)}
+    return {name: depth for name, depth in found.items() if depth}
+
+
 def _sensor(
-    where: str, kind: str, place: Array, width: int, fov: float = 0.0, axis: str = ""
+    where: str,
+    kind: str,
+    place: Array,
+    width: int,
+    fov: float = 0.0,
+    axis: str = "",
+    **clips: float,
 ) -> Node:
     def values(kind: str, **given: Any) -> dict[str, Value]:
         return {name: Value(kind, value, where) for name, value in given.items()}
 
     film = Node("hdrfilm", where, "film", values=values("integer", width=width, height=HEIGHT))
     sampler = Node("independent", where, "sampler", values=values("integer", sample_count=SPP))
-    view = values("transform", to_world=place)
+    view = {**values("transform", to_world=place), **values("float", **clips)}
     if kind == "perspective":
         view |= {**values("float", fov=fov), **values("string", fov_axis=axis)}
     return Node(kind, where, "sensor", values=view, children=[film, sampler])

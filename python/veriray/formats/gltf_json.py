@@ -64,9 +64,9 @@ class Json:
             raise self.fail(f'"{key}" = {shorten(found)} is not a string')
         return found
 
-    def flag(self, key: str) -> bool:
-        """The boolean in `key`, false if there is none."""
-        found = self.content.get(key, False)
+    def flag(self, key: str, default: bool = False) -> bool:
+        """The boolean in `key`; `default` if there is none."""
+        found = self.content.get(key, default)
         if not isinstance(found, bool):
             raise self.fail(f'"{key}" = {shorten(found)} is not true or false')
         return found

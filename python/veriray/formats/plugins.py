@@ -513,8 +513,8 @@ PLUGINS: dict[str, Plugin] = {
         "sensor",
         {
             **_PERSPECTIVE,
-            "principal_point_offset_x": Param("float", 0.0, -1e3, 1e3, doc="in film widths"),
-            "principal_point_offset_y": Param("float", 0.0, -1e3, 1e3, doc="in film heights"),
+            "principal_point_offset_x": Param("float", 0.0, -1e9, 1e9, doc="in film widths"),
+            "principal_point_offset_y": Param("float", 0.0, -1e9, 1e9, doc="in film heights"),
             "focus_distance": Param("float", None, 0.0, doc="without effect on a pinhole"),
         },
         _ON_SENSORS,

@@ -368,7 +368,7 @@ class Shapes:
             whole = mesh.Mesh(vertices, faces, None, loaded.uv, loaded.attributes)
             loaded = creases.split(whole, angle)
             vertices, faces = loaded.vertices, loaded.triangles
-        if (flat or loaded.normals is None) and determinant(matrix) < 0:
+        if determinant(matrix) < 0:
             faces = faces[:, ::-1]  # a mirror keeps the front in front
         if not flat:
             normals = _normals(matrix, vertices, faces, loaded)

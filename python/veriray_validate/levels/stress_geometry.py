@@ -807,6 +807,36 @@ def edges_of_solids_from_within(t: Trial) -> None:
             t.check(r.stats["ledger"]["escaped"] == [0], "ends")
 
 
+@case(8, each={"side": (1, 2, 12), "shines": (True, False)})
+def sheets_of_two_faces(t: Trial, side: int, shines: bool) -> None:
+    """Two one-sided sheets with the same corners, back to back: each side shows its own front.
+
+    Of 2 to 288 faces, in any order, with corners in any order, anywhere. Lamps of 1 and 3, or white
+    and grey under a sky: exact.
+    """
+    x = np.linspace(-1, 1, side + 1)
+    flat = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((side + 1, side + 1))], axis=2)
+    first = np.add.outer((side + 1) * np.arange(side), np.arange(side)).ravel()
+    a, b = [first, first + side + 1, first + side + 2], [first, first + side + 2, first + 1]
+    faces = np.stack([*a, *b], axis=1).reshape(-1, 3)
+    for _ in range(4):
+        turn = np.linalg.qr(t.rng.normal(size=(3, 3)))[0]
+        place = t.rng.normal(size=3) * 10 ** t.rng.uniform(-2, 2)
+        vertices = flat.reshape(-1, 3) @ turn.T + place
+        looks = [(0.0, 1.0), (0.0, 3.0)] if shines else [(1.0, 0.0), (0.25, 0.0)]
+        parts = []
+        for k, (albedo, emission) in enumerate(looks):
+            turned = faces[:, ::-1] if k else faces
+            turned = np.array([np.roll(face, t.rng.integers(3)) for face in turned])
+            parts.append(Part(vertices, t.rng.permutation(turned), albedo, emission))
+        up = np.linalg.det(turn) * turn[:, 2]
+        for k, (albedo, emission) in enumerate(looks):
+            eye = place + (1 - 2 * k) * up * 3 + 0.5 * t.rng.normal(size=3)
+            view = camera(eye, place + turn @ np.array([0.1, 0.2, 0.0]), 8)
+            r = t.render(make(parts[:: t.rng.choice([-1, 1])], view, 1.0, 24, 24), 16)
+            t.check(r.image == albedo + emission, f"side {k}")
+
+
 @case(8)
 def camera_in_odd_places(t: Trial) -> None:
     """The camera on a glass ball, a fog ball or a disk, in a point light or an emitting ball.

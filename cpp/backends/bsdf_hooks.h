@@ -22,8 +22,17 @@ VR_HD void put(F* y, const Spectrum<F>& s) {
 // a rough coat, which lets in what a smooth one does, or of mirrors, which lose cosine / 4, of an
 // interface cosine / 16 in front and cosine / 8 from behind.
 inline constexpr uint32_t kBsdfInputs = 27, kHookColumns = kLostBehind + kLostCells + 1;
+
+// The table, and what it follows from.
 template <class L>
-VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
+struct HookTable {
+    typename L::F kind, eta, alpha;
+    float numbers[kHookColumns * L::kWidth];
+    bool made = false;
+};
+
+template <class L>
+VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, HookTable<L>& table) {
     using F = typename L::F;
     const Vec3<F> n{x[21], x[22], x[23]}, wo{x[24], x[25], x[26]};
     Bsdf<L, kAllKinds> b;
@@ -41,9 +50,15 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.hair_along = x[7], p.hair_around = x[8], p.hair_tilt = x[9];
     const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
     b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
-    if (any(b.template any_of<kTables>())) {
-        uint32_t lane[L::kWidth];
-        for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
+    if (none(b.template any_of<kTables>())) {
+        b.set_view(n, dot(n, wo), x[1] > F(0.f));
+        return b;
+    }
+    uint32_t lane[L::kWidth];
+    for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
+    b.view.table = {table.numbers, L::kWidth, load(lane, typename L::U())};
+    if (!table.made || any(!((table.kind == x[0]) & (table.eta == x[5]) & (table.alpha == x[7])))) {
+        table.made = true, table.kind = x[0], table.eta = x[5], table.alpha = x[7];
         const auto whole = b.template any_of<kWholeKinds>();
         const auto metal = b.template any_of<kMetalKinds>();
         const F through = F(0.25f) * x[5] * x[5];
@@ -58,10 +73,9 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
             const F q = F((1.f - t) / t * ((1.f - t) / t)) / p.alpha_u;  // tangent of the angle
             const F share = select(metal, F(0.25f), F(k < kLostBehind ? 0.0625f : 0.125f));
             const F lost = share / sqrt(fma(q, q, F(1.f)));
-            store(table + k * L::kWidth,
+            store(table.numbers + k * L::kWidth,
                   select(whole, k < kLostAtCosine ? numbers[k] : lost, entering));
         }
-        b.view.table = {table, L::kWidth, load(lane, typename L::U())};
     }
     b.set_view(n, dot(n, wo), x[1] > F(0.f));
     return b;
@@ -72,7 +86,11 @@ template <class L>
 VR_HD void evaluate_bsdf(bool sample, bool importance, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const F one(1.f), none(0.f);
-    float table[kHookColumns * L::kWidth];
+#if VR_CUDA
+    HookTable<L> table;
+#else
+    thread_local HookTable<L> table;  // many rows have one
+#endif
     const auto b = bsdf_of<L>(x, table);
     const Vec3<F> wo{x[24], x[25], x[26]};
     const auto from_front = x[1] > none;

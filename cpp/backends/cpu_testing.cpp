@@ -21,11 +21,13 @@ std::pair<size_t, size_t> function_shape(const std::string& name) {
     return {f.inputs, f.outputs};
 }
 
-// Every row goes through the vector and the scalar lanes, which must agree.
+// Every row goes through the vector lanes, and those of the first kAll rows and one of each later
+// group, in turn, through the scalar ones, which must agree.
 std::vector<float> eval_function(const std::string& name, const std::vector<float>& x) {
     const uint32_t which = find_function(name);
     const auto [inputs, outputs] = function_shape(name);
     const size_t n = x.size() / inputs;
+    constexpr size_t kAll = 16 * Simd::kWidth;
     std::vector<float> y(n * outputs);
     for (size_t i = 0; i < n; i += Simd::kWidth) {
         const size_t live = std::min<size_t>(Simd::kWidth, n - i);
@@ -42,7 +44,8 @@ std::vector<float> eval_function(const std::string& name, const std::vector<floa
             for (size_t k = 0; k < live; ++k) y[(i + k) * outputs + c] = column[k];
         }
         if (Simd::kWidth == 1) continue;  // the same code
-        for (size_t k = 0; k < live; ++k) {
+        const size_t turn = i / Simd::kWidth % live;
+        for (size_t k = i < kAll ? 0 : turn; k < (i < kAll ? live : turn + 1); ++k) {
             evaluate<Scalar>(which, &x[(i + k) * inputs], row);
             if (std::memcmp(row, &y[(i + k) * outputs], outputs * sizeof(float)))
                 throw std::logic_error(name + ": scalar and vector lanes differ");

@@ -12,6 +12,9 @@
 namespace veriray {
 namespace {
 
+// The largest number of faces with the same corners that one is compared with.
+constexpr size_t kMostAlike = 32;
+
 // Marks of hashes, 16 bits for each of n.
 class Marks {
    public:
@@ -36,9 +39,6 @@ class Marks {
 void HostScene::part_twins(const SceneInput& in) {
     const size_t count = view.first_sphere - in.disks.count;
     const auto& faces = std::as_const(sources);
-    const auto shows_back = [&](const PrimitiveSource& s) {  // or its other side the same
-        return s.emission < 0 && in.sees_both_sides(s.material);
-    };
     bool any = in.emissions.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m)
         any |= !clear_material(in, m) && !in.sees_both_sides(m);
@@ -71,7 +71,9 @@ void HostScene::part_twins(const SceneInput& in) {
     };
     const auto twins = [&](uint32_t a, uint32_t b) {
         const PrimitiveSource &one = faces[a], &two = faces[b];
-        if (one.material == two.material && shows_back(one) && shows_back(two)) return false;
+        if (one.material == two.material && one.emission < 0 && two.emission < 0 &&
+            in.sees_both_sides(one.material))
+            return false;
         if (lets_through(in, kTriangleGroup, one.row) || lets_through(in, kTriangleGroup, two.row))
             return false;
         for (uint32_t k = 0; k < 3; ++k) {
@@ -81,7 +83,9 @@ void HostScene::part_twins(const SceneInput& in) {
         return dot(normal(a), normal(b)) < 0;
     };
     for (size_t k = 1; k < alike.size(); ++k)
-        for (size_t before = k; before > 0 && alike[before - 1].first == alike[k].first; --before) {
+        for (size_t before = k;
+             before > 0 && k - before < kMostAlike && alike[before - 1].first == alike[k].first;
+             --before) {
             const uint32_t b = alike[k].second;
             if (!twins(alike[before - 1].second, b)) continue;
             const Box box = box_around(in, b);

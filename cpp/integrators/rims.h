@@ -84,9 +84,10 @@ struct Rims : SurfaceReader<L, kFeatures> {
                               Surface<L>& at, M valid) {
         M back = valid & !at.front;
         if (none_here(scene) || none(back)) return back & !back;
-        back = on_rim(scene, ray, hit, one_sided(scene, hit, back));
+        const Hit<L> next = beyond_rims(scene, ray, hit, one_sided(scene, hit, back));
+        back = back & !(next.primitive == hit.primitive);
         if (none(back)) return back;
-        hit = beyond_rims(scene, ray, hit, back);
+        hit = next;
         const M gone = back & !((hit.t <= far) & (hit.t < F(kInfinity)));
         at = Reader::surface_at(scene, ray, hit, valid & !gone);
         return gone;
@@ -97,13 +98,14 @@ struct Rims : SurfaceReader<L, kFeatures> {
         return beyond_rims(scene, ray, hit, back);
     }
     static VR_HD Hit<L> beyond_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M back) {
-        for (M rim = on_rim(scene, ray, hit, back); any(rim);
-             rim = on_rim(scene, ray, hit, meets_back(scene, ray, hit, rim))) {
+        for (;;) {
+            const M rim = on_rim(scene, ray, hit, back);
+            if (none(rim)) return hit;
             const Hit<L> next = next_flat(scene, ray, hit);
             hit.t = select(rim, next.t, hit.t);
             hit.primitive = select(rim, next.primitive, hit.primitive);
+            back = meets_back(scene, ray, hit, rim);
         }
-        return hit;
     }
 
     // The nearest hit beyond `last` without a tree: as `closest`, for the few lanes that need it.

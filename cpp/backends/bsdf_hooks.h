@@ -62,7 +62,7 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, HookTable<L>& table) {
         const auto whole = b.template any_of<kWholeKinds>();
         const auto metal = b.template any_of<kMetalKinds>();
         const F through = F(0.25f) * x[5] * x[5];
-        const F numbers[kLostAtCosine] = {
+        const F numbers[4] = {
             select(metal, F(1.f / 6.f), F(1.f / 24.f)), select(metal, F(0.5f), through),
             select(metal, F(0.5f), F(1.f / 12.f)), select(metal, F(0.5f), F(0.125f))};
         for (uint32_t k = 0; k < kHookColumns; ++k) {
@@ -74,7 +74,7 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, HookTable<L>& table) {
             const F share = select(metal, F(0.25f), F(k < kLostBehind ? 0.0625f : 0.125f));
             const F lost = share / sqrt(fma(q, q, F(1.f)));
             store(table.numbers + k * L::kWidth,
-                  select(whole, k < kLostAtCosine ? numbers[k] : lost, entering));
+                  select(whole, k < kLostAtCosine ? numbers[k < 3 ? k : 3] : lost, entering));
         }
     }
     b.set_view(n, dot(n, wo), x[1] > F(0.f));

@@ -1,7 +1,7 @@
 // Numbers of rough surfaces that the host makes: their slopes, and tables (scene/surfaces.cpp).
 #pragma once
 
-#include <cstdint>
+#include "spectrum/spectrum.h"
 
 namespace veriray {
 
@@ -28,8 +28,8 @@ enum LostColumn : uint32_t {
     kThrough,         // share of what is lost in front that goes to the other side
     kLostMeanBehind,  // likewise, from behind
     kThroughBehind,
-    kReflectedMean = kThrough,  // of a metal, Fresnel's for diffuse light: 3 columns
-    kLostAtCosine = 4,          // at kLostCells + 1 cosines, in front
+    kReflectedMean = kThrough,  // of a metal, Fresnel's for diffuse light: one for each channel
+    kLostAtCosine = 1 + (kChannels > 3 ? kChannels : 3),  // at kLostCells + 1 cosines, in front
     kLostBehind = kLostAtCosine + kLostCells + 1,
 };
 

@@ -55,6 +55,8 @@ struct Rims : SurfaceReader<L, kFeatures> {
         if (none(back)) return back;
         const V p = ray.at(hit.t);
         M rim = back & !within(scene, hit.primitive, p, back, false);
+        // p is within kEdgeSlack of an edge that both have, so it is that far at most from the
+        // plane of the other, whose record lies kPlaneSlack behind, plus rounding.
         for (uint32_t i = 0; any(rim) && i < scene.quad_count + scene.polygon_count; ++i) {
             const V n = primitive_column3(scene, U(i), kPrimN);
             const F height = dot(n, p) - primitive_column(scene, U(i), kPrimPlane);

@@ -70,6 +70,14 @@ std::vector<Double3> HostScene::outline(const SceneInput& in, const AreaLight& f
     return corners;
 }
 
+// Whether two primitives are opaque, and a sheet with these sides does not look alike from both.
+bool HostScene::sides_differ(const SceneInput& in, const PrimitiveSource& a,
+                             const PrimitiveSource& b) const {
+    const bool alike = a.material == b.material && a.emission < 0 && b.emission < 0 &&
+                       in.sees_both_sides(a.material);
+    return !alike && !lets_through(in, a.group, a.row) && !lets_through(in, b.group, b.row);
+}
+
 // Whether two opaque flat primitives are the sides of a sheet: of one outline, or with three
 // corners in common (triangles of a sheet may be merged otherwise on its other side), in one plane
 // up to twice kPlaneSlack, and facing away from each other. A sheet that looks alike from both
@@ -78,12 +86,7 @@ bool HostScene::back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const
     constexpr double kLeastShare = 1 - 0x1p-8;  // polygons around equal disks differ by 2^-10
     constexpr double kNoGap = 2 * static_cast<double>(kPlaneSlack);
     const PrimitiveSource &one = sources[a], &two = sources[b];
-    if (a == b || one.group != two.group || lets_through(in, one.group, one.row) ||
-        lets_through(in, two.group, two.row))
-        return false;
-    if (one.material == two.material && one.emission < 0 && two.emission < 0 &&
-        in.sees_both_sides(one.material))
-        return false;
+    if (a == b || one.group != two.group || !sides_differ(in, one, two)) return false;
     const Polygon p = outline(in, {a, a, false, 0}), q = outline(in, {b, b, false, 0});
     if (p.empty() || q.empty()) return false;
     const Double3 n = normalised(area_vector(p)), m = normalised(area_vector(q));

@@ -287,6 +287,7 @@ class HostScene : public Frame {
     bool part_faces(const SceneInput& in, double most_moved);
     void part_concentric(const SceneInput& in);
     float* plane_record(uint32_t primitive);
+    void move_plane(uint32_t primitive, double by);
     void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
     void put_triangles(const SceneInput& in, size_t count, const uint32_t* rows);
     void put_kind(size_t primitive, uint32_t kind);
@@ -326,6 +327,8 @@ class HostScene : public Frame {
     double area_of(const SceneInput& in, size_t primitive) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
     std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
+    bool sides_differ(const SceneInput& in, const PrimitiveSource& a,
+                      const PrimitiveSource& b) const;
     bool back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const;
     void part_backs(const SceneInput& in);
     void part_twins(const SceneInput& in);

@@ -211,6 +211,13 @@ float* HostScene::plane_record(uint32_t i) {
     return view.disks + kDiskFloats * (i - view.polygon_count);
 }
 
+// Moves the plane of a primitive along its normal.
+void HostScene::move_plane(uint32_t i, double by) {
+    const float w = static_cast<float>(-double{column(i, kPrimPlane)} - by);
+    column(i, kPrimPlane) = -w;
+    plane_record(i)[3] = w;
+}
+
 bool HostScene::lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const {
     return clear_material(in, in.material(group).data[row]) || in.boundary(group).data[row] >= 0;
 }
@@ -498,9 +505,7 @@ bool HostScene::part_faces(const SceneInput& in, double most_moved) {
     for (const uint32_t i : clear) {
         if (move[i] == 0) continue;
         slab_slack = static_cast<float>(most_moved / kOfSlack);
-        const float w = static_cast<float>(rounded_plane(i).w - move[i]);
-        column(i, kPrimPlane) = -w;
-        plane_record(i)[3] = w;
+        move_plane(i, move[i]);
     }
     return true;
 }

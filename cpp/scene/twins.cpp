@@ -70,12 +70,7 @@ void HostScene::part_twins(const SceneInput& in) {
         return Double3{n(0), n(1), n(2)};
     };
     const auto twins = [&](uint32_t a, uint32_t b) {
-        const PrimitiveSource &one = faces[a], &two = faces[b];
-        if (one.material == two.material && one.emission < 0 && two.emission < 0 &&
-            in.sees_both_sides(one.material))
-            return false;
-        if (lets_through(in, kTriangleGroup, one.row) || lets_through(in, kTriangleGroup, two.row))
-            return false;
+        if (!sides_differ(in, faces[a], faces[b])) return false;
         for (uint32_t k = 0; k < 3; ++k) {
             const auto same = [&](uint32_t m) { return length(corner(a, k) - corner(b, m)) == 0; };
             if (!same(0) && !same(1) && !same(2)) return false;
@@ -88,12 +83,12 @@ void HostScene::part_twins(const SceneInput& in) {
              --before) {
             const uint32_t b = alike[k].second;
             if (!twins(alike[before - 1].second, b)) continue;
+            // As faces in contact are parted that are seen from afar (touching.cpp), but not far
+            // off a small one.
             const Box box = box_around(in, b);
             const double away = kParted * (terms(box, normal(b)) + 0.5),
                          most = length(box.high - box.low) * 0x1p-6;
-            const double w = -double{column(b, kPrimPlane)} - std::min(away, most);
-            column(b, kPrimPlane) = -static_cast<float>(w);
-            plane_record(b)[3] = static_cast<float>(w);
+            move_plane(b, std::min(away, most));
             slab_slack = std::max(slab_slack, kMovedSlack);
             break;
         }

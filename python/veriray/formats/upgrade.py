@@ -192,9 +192,10 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
         if category == "film":
             _drop(element, lambda name: name not in _KEPT["film"], where, notes)
         if plugin == "mfilm":
-            given = {child.get("name") for child in element}
-            for side in {"width", "height"} - given:
-                _add(element, "integer", side, "1")
+            given = [child.get("name") for child in element]
+            for side in ("width", "height"):
+                if side not in given:
+                    _add(element, "integer", side, "1")
         if plugin == "vertexcolors":
             _add(element, "string", "name", "vertex_color")
         element.set("type", new)
